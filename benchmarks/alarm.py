@@ -3,7 +3,8 @@
 The finite-element frame with three pairs of probes is calibrated on logs of its own, a model each.
 Logs of 50 min and of 2.5 h come from a frame that loses heat half as fast again (its film
 coefficient), days of 24 h from the frame as it was calibrated. Printed is for each model how many
-logs and how many days end with an alarm.
+logs and how many days end with an alarm; with `--change` of logs of 50 min, with the loss and
+without, on how many `estimate` names a loss of heat, alarm or not.
 """
 
 from __future__ import annotations
@@ -19,9 +20,11 @@ from smoothing import CALIBRATION_ROWS, Case, Noise, model_of
 
 from thermaltool.errors import ModelError
 from thermaltool.estimation.bands import gain_errors, model_errors
+from thermaltool.estimation.changed_machine import likeliest_change
 from thermaltool.estimation.innovation_test import InnovationTest, record_alarm
 from thermaltool.estimation.lookahead import linear_kalman
 from thermaltool.estimation.pipeline import EstimatorPipeline
+from thermaltool.estimation.start import drive_levels
 from thermaltool.model import Model
 from thermaltool.plants.frame import FrameGeometry, build
 
@@ -51,6 +54,24 @@ def parted(
     errors = model_errors(model, kalman), gain_errors(model, kalman)
     test = InnovationTest(kalman, PERIOD, *errors)
     return record_alarm(test, PERIOD * np.arange(rows), readings).row is not None
+
+
+def loss_named(
+    case: Case, machine: Array, model: Model, generator: np.random.Generator
+) -> tuple[bool, bool]:
+    """Whether a duty of 50 min is said to come from a machine that loses more; or an alarm."""
+    kalman = linear_kalman(EstimatorPipeline.of(model).estimator)
+    readings = case.readings(machine, case.heat(SHORT, generator), generator)
+    errors, time = (
+        (model_errors(model, kalman), gain_errors(model, kalman)),
+        PERIOD * np.arange(SHORT),
+    )
+    found = likeliest_change(
+        kalman, *errors, time, readings, "rest", drive_levels(model, kalman.drives)
+    )
+    named = found is not None and found.explains and found.kind == "loss"
+    alarm = record_alarm(InnovationTest(kalman, PERIOD, *errors), time, readings).row is not None
+    return named, named or alarm
 
 
 def bound(case: Case, draws: int, generator: np.random.Generator) -> str:
@@ -87,6 +108,7 @@ def main() -> int:
     parser.add_argument("--logs", type=int, default=12, help="of each length, for each model")
     parser.add_argument("--days", type=int, default=4, help="for each model")
     parser.add_argument("--bound", action="store_true", help="of a test that knows the loss")
+    parser.add_argument("--change", action="store_true", help="what `estimate` names")
     parser.add_argument("--seed", type=int, help="drawn and printed if absent")
     options = parser.parse_args()
     seed = options.seed
@@ -97,10 +119,11 @@ def main() -> int:
     if options.bound:
         print(bound(case, 300, np.random.default_rng(seed)))
         return 0
-    print(
-        "| responses | 50 min, loss + 50 % | 2.5 h, loss + 50 % | clean days |\n|---|---|---|---|"
-    )
-    counts = np.zeros((0, 3), int)
+    heading = "50 min, loss + 50 % | 2.5 h, loss + 50 % | clean days"
+    if options.change:
+        heading = "loss + 50 %: named | named or alarm | clean: named | named or alarm"
+    print(f"| responses | {heading} |\n|---|{'---|' * (heading.count('|') + 1)}")
+    totals: dict[int, list[int]] = {}
     for number in range(options.models):
         generator = np.random.default_rng([seed, number])
         short = replace(case, calibrated=case.calibrated[:CALIBRATION_ROWS])
@@ -109,19 +132,26 @@ def main() -> int:
         except ModelError as error:
             print(error, file=sys.stderr)
             continue
-        asked = [(case.steps, SHORT, options.logs), (case.steps, LONG, options.logs)]
-        asked.append((case.calibrated, DAY, options.days))
-        found = [
-            sum(parted(case, machine, rows, model, generator) for _ in range(count))
-            for machine, rows, count in asked
-        ]
-        counts = np.vstack([counts, found])
+        if options.change:
+            counts = [options.logs] * 4
+            told = [[loss_named(case, machine, model, generator) for _ in range(options.logs)]
+                    for machine in (case.steps, case.calibrated)]  # fmt: skip
+            found = [int(each) for machine in told for each in np.sum(machine, axis=0)]
+        else:
+            counts = [options.logs, options.logs, options.days]
+            machines = case.steps, case.steps, case.calibrated
+            asked = zip(machines, (SHORT, LONG, DAY), counts, strict=True)
+            found = [
+                sum(parted(case, machine, rows, model, generator) for _ in range(count))
+                for machine, rows, count in asked
+            ]
         kinds = ", ".join(term.response.kind for term in model.terms)
-        print(f"| {kinds} | {found[0]} of {options.logs} | {found[1]} of {options.logs} "
-              f"| {found[2]} of {options.days} |", flush=True)  # fmt: skip
-    logs, days = len(counts) * options.logs, len(counts) * options.days
-    total = counts.sum(axis=0)
-    print(f"| all | {total[0]} of {logs} | {total[1]} of {logs} | {total[2]} of {days} |")
+        pairs = list(zip(found, counts, strict=True))
+        for k, pair in enumerate(pairs):
+            totals[k] = [sum(each) for each in zip(totals.get(k, [0, 0]), pair, strict=True)]
+        cells = " | ".join(f"{some} of {count}" for some, count in pairs)
+        print(f"| {kinds} | {cells} |", flush=True)
+    print(f"| all | {' | '.join(f'{some} of {count}' for some, count in totals.values())} |")
     return 0
 
 

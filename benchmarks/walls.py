@@ -5,7 +5,8 @@ Walls are drawn (thickness, conductivity, films of both faces) whose slowest tim
 flux that it has not seen, the steps of a re-entry profile, is estimated from the back face alone,
 read with noise. Printed is the fit of the flux, 100 (1 − |error| / |flux − mean|) %: causal, with
 `--smooth`, and with `--method tv`; the share of rows within the 95 % band of the smoothed flux, and
-the response that `calibrate` has chosen. The walls are finite volumes.
+the response that `calibrate` has chosen. The walls are finite volumes; `--kind tile` has a layer of
+insulation on a metal skin, `--kind block` a skin with a block behind it that carries the sensor.
 """
 
 from __future__ import annotations
@@ -22,6 +23,7 @@ import thermaltool as tt
 
 sys.path.append(str(Path(__file__).parents[1] / "tests"))
 
+from machines.layered_wall import LayeredWall
 from machines.wall import Wall, reentry
 
 Array = NDArray[np.float64]
@@ -46,12 +48,49 @@ def drawn(generator: np.random.Generator) -> Wall:
             return wall
 
 
-def log_of(wall: Wall, flux: Array, dt: float, noise: float, generator: np.random.Generator):
+def layered(generator: np.random.Generator, kind: str) -> LayeredWall:
+    """A tile on a metal skin, glued; or a skin with a block behind it that carries the sensor."""
+
+    def between(low: float, high: float) -> float:
+        return float(np.exp(generator.uniform(np.log(low), np.log(high))))
+
+    while True:
+        front = between(0.003, 0.02), between(1.0, 20.0), generator.uniform(1e6, 3e6)
+        skin = between(0.001, 0.006), between(15.0, 150.0), generator.uniform(2e6, 4e6)
+        block = generator.uniform(0.004, 0.012), 1e4, generator.uniform(2e6, 4e6)
+        layers, cells = ((front, skin), (30, 8)) if kind == "tile" else ((skin, block), (12, 1))
+        wall = LayeredWall(
+            *zip(*layers, strict=True), (between(200.0, 5000.0),), between(20.0, 300.0),
+            between(20.0, 300.0), cells,
+        )  # fmt: skip
+        slowest, second = wall.time_constants()[:2]
+        if SLOWEST[0] < slowest < SLOWEST[1] and SECOND[0] < second < SECOND[1]:
+            return wall
+
+
+def described(wall: Wall | LayeredWall) -> str:
+    """Thickness, conductivity and films."""
+    if isinstance(wall, Wall):
+        made = f"{1e3 * wall.thickness:.1f}, {wall.conductivity:.1f}"
+    else:
+        made = " + ".join(
+            f"{1e3 * thick:.1f}, {conducts:.3g}"
+            for thick, conducts in zip(wall.thickness, wall.conductivity, strict=True)
+        )
+        made += f"; joint {wall.joint[0]:.0f}"
+    return f"{made}; {wall.film:.0f} and {wall.back_film:.0f}"
+
+
+def log_of(
+    wall: Wall | LayeredWall, flux: Array, dt: float, noise: float, generator: np.random.Generator
+):
     read = 20.0 + wall.back_face(flux, dt) + noise * generator.normal(size=len(flux))
     return pd.DataFrame({"time_s": dt * np.arange(len(flux)), DRIVE: flux, SENSOR: read})
 
 
-def calibration_flux(wall: Wall, peak: float, dt: float, generator: np.random.Generator) -> Array:
+def calibration_flux(
+    wall: Wall | LayeredWall, peak: float, dt: float, generator: np.random.Generator
+) -> Array:
     """Steps that a lamp can make: two levels, each as long as the wall takes, then rests."""
     slowest = wall.time_constants()[0]
     time = np.arange(0.0, 9.0 * slowest, dt)
@@ -62,7 +101,9 @@ def calibration_flux(wall: Wall, peak: float, dt: float, generator: np.random.Ge
     return levels[np.searchsorted(edges, time, side="right")]
 
 
-def judged(wall: Wall, options: argparse.Namespace, generator: np.random.Generator) -> dict:
+def judged(
+    wall: Wall | LayeredWall, options: argparse.Namespace, generator: np.random.Generator
+) -> dict:
     dt, noise = options.period, options.noise
     # The largest flux heats the back by RISE in the long run.
     peak = RISE / wall.back_face(np.ones(round(10 * wall.time_constants()[0] / dt)), dt)[-1]
@@ -99,6 +140,7 @@ def judged(wall: Wall, options: argparse.Namespace, generator: np.random.Generat
 def main() -> int:
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
     parser.add_argument("--walls", type=int, default=12)
+    parser.add_argument("--kind", choices=["plain", "tile", "block"], default="plain")
     parser.add_argument("--noise", type=float, default=0.15, help="K")
     parser.add_argument("--period", type=float, default=1.0, help="s")
     parser.add_argument("--seed", type=int, help="drawn and printed if absent")
@@ -115,16 +157,14 @@ def main() -> int:
     fits = []
     for number in range(options.walls):
         generator = np.random.default_rng([seed, number])
-        wall = drawn(generator)
+        wall = drawn(generator) if options.kind == "plain" else layered(generator, options.kind)
         found = judged(wall, options, generator)
         slow = ", ".join(f"{each:.3g}" for each in wall.time_constants()[:3])
         shown = [
             f"{found[name]:.1f}" if name in found else "–"
             for name in ("causal", "smoothed", "tv", "band")
         ]
-        made = f"{1e3 * wall.thickness:.1f}, {wall.conductivity:.1f}"
-        films = f"{wall.film:.0f} and {wall.back_film:.0f}"
-        told = [f"{made}, {films}", slow, found["kind"], found.get("form", "refused"), *shown]
+        told = [described(wall), slow, found["kind"], found.get("form", "refused"), *shown]
         print(f"| {' | '.join(told)} |", flush=True)
         fits.append(found)
     for name in ("causal", "smoothed", "tv"):

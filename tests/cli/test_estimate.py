@@ -218,7 +218,7 @@ def test_records_of_no_and_of_one_row(thermaltool, files, look):
         result = thermaltool("estimate", files.kalman, "-", "--bands", *look, stdin=text)
         if rows and "--smooth" in look:
             assert (result.code, result.out) == (1, "")
-            assert result.err.endswith("1 rows with a reading of every sensor: too few to tell how "
+            assert result.err.endswith("1 row with a reading of every sensor: too few to tell how "
                                        "fast the heat changes; pin it with --walk\n")  # fmt: skip
         else:
             assert (result.code, len(result.out.splitlines())) == (0, 1 + rows)

@@ -12,6 +12,7 @@ from scipy.linalg import expm
 import thermaltool as tt
 from thermaltool.estimation.changed_machine import likeliest_change
 from thermaltool.estimation.estimator import KalmanEstimator, SensorNoise
+from thermaltool.estimation.model_departure import model_departure
 from thermaltool.estimation.smoother import smooth
 from thermaltool.responses.modes import Modes
 
@@ -141,3 +142,64 @@ def test_estimates_are_those_of_the_changed_machine_and_say_so():
     assert plain.document()["change"]["taken"] is False
     error = plain.columns["Q_W"] - lossy["Q_W"].to_numpy()
     assert np.mean(np.abs(error) < 1.96 * plain.columns["sigma_Q_W"]) > 0.9
+
+
+def lags(heat, times):
+    """Two sensors of a lag each, by their own recursion."""
+    found = np.zeros((len(heat), len(times)))
+    stays = np.exp(-DT / np.array(times))
+    for k, q in enumerate(heat[:-1]):
+        found[k + 1] = stays * found[k] + (1 - stays) * 0.1 * q
+    return found
+
+
+def two_lags(times):
+    terms = tuple(
+        (k, 0, Modes(np.array([-1 / each + 0j]), np.array([0.1 / each + 0j])))
+        for k, each in enumerate(times)
+    )
+    return KalmanEstimator(SENSORS[:2], ("Q_W",), (), terms, (), (5.0,), (SensorNoise(0.01),) * 2)
+
+
+def warm_log(generator, times):
+    """Readings of a machine that has run warm for 1200 s before the first row."""
+    before = np.full(600, 0.8 * LEVEL)
+    heat = np.concatenate([before, LEVEL * np.repeat(generator.uniform(size=8), 75)])
+    readings = lags(heat, times) + 0.01 * generator.normal(size=(len(heat), 2))
+    return readings[600:], heat[600:]
+
+
+TIMES = 600.0, 1500.0
+ERRORS = [1e-4] * 2, [1e-3] * 2
+
+
+@pytest.mark.parametrize("off", [0.99, 1.01])
+def test_a_time_constant_that_is_off_is_no_loss(off):
+    readings, _ = warm_log(np.random.default_rng(88), (TIMES[0], off * TIMES[1]))
+    time = DT * np.arange(len(readings))
+    change = likeliest_change(two_lags(TIMES), *ERRORS, time, readings, "free", [LEVEL])
+    assert change is not None
+    assert (change.kind, change.sensor) == ("pace", "dT_b_K")
+    assert change.size == pytest.approx(off, abs=0.003)
+    assert change.document()["more_percent"] == pytest.approx(100 * (off - 1), abs=0.3)
+
+
+def test_what_the_innovations_show_of_a_model_is_held_by_the_bands():
+    """What a time constant that is 1 % off does to the heat, in all rows."""
+    generator = np.random.default_rng(89)
+    kalman = two_lags(TIMES)
+    for off in (1.0, 1.01):
+        readings, _ = warm_log(generator, (off * TIMES[0], TIMES[1]))
+        time = DT * np.arange(len(readings))
+        found = model_departure(kalman, *ERRORS, time, readings, "free", [LEVEL])
+        assert (found is None) == (off == 1.0)
+    assert found is not None
+    assert 0.002 < found.sizes[1] < 0.05
+
+    def heats(like):
+        return smooth(like, time, readings, [LEVEL], "free").estimates[:, 0]
+
+    error = np.abs(heats(kalman) - heats(two_lags((1.01 * TIMES[0], TIMES[1]))))
+    held = 1.96 * np.sqrt(found.variance(kalman, heats))
+    assert np.mean(error < held) > 0.9
+    assert np.mean(held) < 4 * np.mean(error)

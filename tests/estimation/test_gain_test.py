@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+from dataclasses import replace
 from types import SimpleNamespace
 
 import numpy as np
@@ -81,6 +82,23 @@ def test_gains_as_far_off_as_the_calibration_leaves_them_are_chi_squared():
     # Two degrees of freedom: sensors less drives.
     assert np.mean(last) == pytest.approx(2.0, abs=4 * 2 / np.sqrt(60))
     assert np.mean(np.array(last) > chi2.isf(0.2, 2)) == pytest.approx(0.2, abs=0.16)
+
+
+def test_a_machine_that_idles_answers_in_no_ratio():
+    """Sensors near the source, of which a heat that may change fast takes up the noise."""
+    sensed = tuple((k, 0, lag(time, 3.0 - k)) for k, time in enumerate((3.0, 10.0, 30.0)))
+    kalman, dt, generator = (
+        replace(estimator(), sensed=sensed, walk=(1.0,)),
+        2.0,
+        np.random.default_rng(14),
+    )
+    stays, slow = np.exp(-dt / 600.0), 0.005 * generator.normal(size=3)
+    idle = np.empty((3600, 3))
+    for row in idle:
+        row[:] = slow + 0.02 * generator.normal(size=3)
+        slow = stays * slow + 0.005 * np.sqrt(1 - stays**2) * generator.normal(size=3)
+    test = InnovationTest(kalman, dt, [0.0] * 3, ERRORS)
+    assert record_alarm(test, dt * np.arange(3600), idle).row is None
 
 
 def test_a_ratio_that_has_changed_is_an_alarm_that_says_which():

@@ -17,6 +17,7 @@ from thermaltool.estimation.bands import model_errors
 from thermaltool.estimation.estimator import KalmanEstimator, SensorNoise
 from thermaltool.estimation.fixed_lag import FixedLag, error_variance, fixed_lag
 from thermaltool.estimation.likelihood import fit_sizes
+from thermaltool.estimation.lookahead import _filtered_sigma
 from thermaltool.estimation.smoother import smooth, smoothed_estimates
 from thermaltool.responses.modes import Modes
 from thermaltool.responses.sample_clock import CLOCK_STEP
@@ -230,6 +231,18 @@ def test_a_long_lag_is_the_whole_record():
     long = fixed_lag(estimator(), time, readings, 2000.0)
     middle = slice(700, 900)
     assert np.max(np.abs(long - whole.estimates)[middle] / whole.sigma[middle]) < 0.01
+
+
+def test_bands_of_late_estimates_hold_where_a_machine_leaves_rest():
+    """Its deflection is known at the first row; the noise of later readings moves the estimate."""
+    generator, kalman = np.random.default_rng(24), estimator()
+    inside = []
+    for _ in range(25):
+        time, readings, truth = simulated(kalman, 30, generator)
+        sigma = _filtered_sigma(kalman, kalman, time, LEVEL, "rest", 40.0)
+        late = fixed_lag(kalman, time, readings, 40.0, False)
+        inside.append(np.abs(late - truth)[:4] < 1.96 * sigma[:4])
+    assert np.all(np.mean(inside, axis=(0, 1)) > 0.9)
 
 
 def test_the_likelihood_finds_the_sizes_that_made_the_record():

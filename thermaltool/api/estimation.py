@@ -135,6 +135,8 @@ class LogEstimate(Result):
             found["alarm"] = self.found.alarm.document(self.found.time)
         if self.found.change is not None:
             found["change"] = self.found.change.document()
+        if self.found.departure is not None:
+            found["departure"] = self.found.departure.document()
         if self.found.deconvolved is not None:
             found["deconvolution"] = deconvolution_document(self.found.deconvolved)
         return found
@@ -349,13 +351,10 @@ def estimate(
     from thermaltool.estimation.pipeline import EstimatorPipeline
     from thermaltool.model import NOT_AT_REST
     from thermaltool.report.text import (
-        alarm_messages,
-        change_message,
         excursion_message,
+        look_messages,
         period_messages,
         row_message,
-        sizes_message,
-        steps_message,
         stuck_messages,
     )
 
@@ -371,17 +370,8 @@ def estimate(
         need = tuple(each.column for each in pipeline.input_columns if not each.sensor)
     log = read(data, need, warn=warn, **reading)
     found = estimate_record(model, pipeline, log, initial, how)
-    if found.sizes is not None:
-        warn(sizes_message(found.sizes))
-    if found.steps is not None:
-        warn(steps_message(found.steps))
-    elif found.no_steps:
-        warn(f"the heat is taken to wander; no steps are looked for: {found.no_steps}")
-    if found.alarm is not None:
-        for sentence in alarm_messages(log, found.alarm):
-            warn(sentence)
-    if found.change is not None and found.change.is_enough:
-        warn(change_message(log, found.change))
+    for sentence in look_messages(log, found, bands):
+        warn(sentence)
     for sentence in found.deconvolved.notes if found.deconvolved else ():
         warn(sentence)
     for sentence in (*stuck_messages(log, need), *period_messages(log, model)):

@@ -379,6 +379,8 @@ def _sensor_noise(channel: Part) -> SensorNoise | None:
     from thermaltool.estimation.estimator import SensorNoise
 
     white = channel.read("white_sigma", finite, 0.0)
+    if white < 0:
+        raise ModelError(f"white_sigma: a standard deviation of {white:g}")
     # A quantizer's own noise is the least that a reading can have.
     white = max(white, channel.read("resolution", finite, 0.0) / 12**0.5)
     if not white > 0:

@@ -14,6 +14,7 @@ from thermaltool.estimation.estimator import KalmanEstimator
 from thermaltool.estimation.heat_steps import HeatSteps
 from thermaltool.estimation.innovation_test import Alarm
 from thermaltool.estimation.lookahead import Lookahead, look
+from thermaltool.estimation.model_departure import ModelDeparture
 from thermaltool.estimation.pipeline import EstimatorPipeline
 from thermaltool.estimation.start import Initial
 from thermaltool.model import (
@@ -66,6 +67,8 @@ class EstimatedRecord:
         How a method that was asked for came to its heat.
     change : Change or None
         Of the machine since its calibration, where the readings are much likelier with it.
+    departure : ModelDeparture or None
+        Errors of the model that the readings make likely.
     """
 
     time: Float
@@ -82,6 +85,7 @@ class EstimatedRecord:
     steps: HeatSteps | None = None
     no_steps: str = ""
     change: Change | None = None
+    departure: ModelDeparture | None = None
 
     def columns(self) -> dict[str, Float]:
         """The table: ``time_s``, the estimates and their standard errors."""
@@ -135,6 +139,7 @@ def estimate(
                 not_at_rest[column.column] = float(values[0])
     sigma: dict[str, Float] = {}
     sizes, alarm, deconvolved, steps, no_steps, change = None, None, None, None, "", None
+    departure = None
     names = pipeline.estimator.estimates
     if initial != "free" and (how is None or how.plain):
         found = [*pipeline.run(record.time, true_values, initial == "settled").T]
@@ -143,10 +148,11 @@ def estimate(
         taken = np.column_stack(pipeline.estimator_inputs([*true_values.T]))
         looked = look(model, pipeline.estimator, record.time, taken, how, initial, not not_at_rest)
         found = pipeline.given_out([*looked.estimates.T])
-        sizes = None if how.sizes == "design" else looked.estimator
+        told = how.sizes != "design" and len(record) > 0
+        sizes = looked.estimator if told else None
         deconvolved = looked.deconvolved
         steps, no_steps = looked.steps, looked.no_steps
-        alarm, change = looked.alarm, looked.change
+        alarm, change, departure = looked.alarm, looked.change, looked.departure
         if looked.sigma is not None:
             # Through the maps behind the estimator, which may bend.
             high, low = (pipeline.given_out([*ends.T])
@@ -174,6 +180,7 @@ def estimate(
         steps,
         no_steps,
         change,
+        departure,
     )
 
 

@@ -90,7 +90,9 @@ class ConstrainedProblem:
         space, start = self.problem.space(self.order, self.weight, self.pinned)
         return EvenSmoother(space, start, len(self.readings))
 
-    def solve(self, variation: float, state: SplitState) -> tuple[Float, bool]:
+    def solve(
+        self, variation: float, state: SplitState, turns: int = MAX_ITERATIONS
+    ) -> tuple[Float, bool]:
         """The heat, and whether it stood still.
 
         Parameters
@@ -100,6 +102,8 @@ class ConstrainedProblem:
             variance [1]; no part of a quadratic penalty.
         state : SplitState
             Where the search begins; left where it ends.
+        turns : int
+            At most.
 
         Returns
         -------
@@ -109,7 +113,7 @@ class ConstrainedProblem:
         level, shift, heat = self.problem.level, np.zeros(len(self.readings)), state.held
         low, high = self.bounds.low / level, self.bounds.high / level
         still = TOLERANCE * self.spread / level
-        for turn in range(1, MAX_ITERATIONS + 1):
+        for turn in range(1, turns + 1):
             before, taken = heat, self.readings
             if self.total_variation:
                 shift = np.cumsum(state.steps - state.steps_dual)

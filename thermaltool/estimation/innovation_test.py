@@ -43,6 +43,9 @@ MISFIT_TIME = 60.0
 # After a pause of more than so many periods the heat may be any, which the steady gain follows in a
 # while: so long [s], and for as many periods, nothing is tested.
 MAX_PAUSE, BLIND_TIME = 5, 60.0
+# Ratios are tested where signals are so many times what is expected of an innovation (whitened):
+# the heat of a machine that idles is noise, which answers in no ratio.
+MIN_SIGNAL = 10.0
 # Sample lengths whose matrices are kept.
 MAX_CACHED_LENGTHS = 64
 # A quiet record of which a smaller share of the rows counts says how many do.
@@ -196,7 +199,8 @@ class InnovationTest:
             counts = False
         if self._gains is not None:
             signals = sample.H[:, : self._modal] @ a[: self._modal]
-            self._gains.step(sample, signals, z, ticks * CLOCK_STEP, counts)
+            shows = float(np.linalg.norm(sample.root @ signals)) > MIN_SIGNAL
+            self._gains.step(sample, signals, z, ticks * CLOCK_STEP, counts and shows)
         if self._blind > 0:
             self._blind -= min(ticks, self._period)
         self.counted = counts

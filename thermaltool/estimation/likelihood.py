@@ -13,7 +13,7 @@ from typing import Any
 
 import numpy as np
 
-from thermaltool.errors import FitError, LogError
+from thermaltool.errors import FitError, LogError, counted
 from thermaltool.estimation.estimator import KalmanEstimator, SensorNoise
 from thermaltool.estimation.even_smoother import EvenSmoother
 from thermaltool.estimation.start import Initial
@@ -93,8 +93,8 @@ def fit_sizes(
         return FittedSizes(estimator, 0.0)
     if np.sum(known) < MIN_READINGS:
         raise LogError(
-            f"{np.sum(known)} rows with a reading of every sensor: too few to tell how fast the "
-            "heat changes; pin it with --walk"
+            f"{counted(int(np.sum(known)), 'row')} with a reading of every sensor: too few to tell "
+            "how fast the heat changes; pin it with --walk"
         )
     time, readings = _counted(time[known]), readings[known]
     for name, still in zip(estimator.sensors, np.ptp(readings, axis=0) == 0, strict=True):
@@ -158,7 +158,9 @@ def log_likelihood(
     """
     known = np.isfinite(readings).all(axis=1)
     if np.sum(known) < MIN_READINGS:
-        raise LogError(f"{np.sum(known)} rows with a reading of every sensor: too few")
+        raise LogError(
+            f"{counted(int(np.sum(known)), 'row')} with a reading of every sensor: too few"
+        )
     read = readings[known]
     squares, logs = _innovations(estimator, _counted(time[known]), read, initial, level)
     return -0.5 * float(squares + logs + read.size * np.log(2 * np.pi))

@@ -10,7 +10,7 @@ import numpy as np
 
 from thermaltool.errors import FitError, LogError, ModelError
 from thermaltool.estimation.bands import gain_errors, model_errors
-from thermaltool.estimation.changed_machine import Change, likeliest_change
+from thermaltool.estimation.changed_machine import Change, likeliest_change, with_loss
 from thermaltool.estimation.deconvolution import (
     DeconvolutionPlan,
     Deconvolved,
@@ -27,6 +27,7 @@ from thermaltool.estimation.heat_steps import (
     why_no_steps,
 )
 from thermaltool.estimation.innovation_test import (
+    WALK_FACTOR,
     Alarm,
     InnovationTest,
     record_alarm,
@@ -34,6 +35,7 @@ from thermaltool.estimation.innovation_test import (
 )
 from thermaltool.estimation.known_inputs import KnownInputEstimator
 from thermaltool.estimation.likelihood import fit_sizes
+from thermaltool.estimation.model_departure import ModelDeparture, model_departure
 from thermaltool.estimation.parameter_error import parameter_variance
 from thermaltool.estimation.pauses import with_pauses
 from thermaltool.estimation.permanent_effects import apply_maps, drive_maps
@@ -127,6 +129,8 @@ class Looked:
         How another method came to its heat.
     change : Change or None
         Of the machine, where the readings are much likelier with it.
+    departure : ModelDeparture or None
+        Errors of the model (about the change, where it is clear) that the readings make likely.
     """
 
     estimates: Float
@@ -137,6 +141,7 @@ class Looked:
     steps: HeatSteps | None = None
     no_steps: str = ""
     change: Change | None = None
+    departure: ModelDeparture | None = None
 
 
 def look(
@@ -198,7 +203,7 @@ def look(
         found = deconvolve(kalman, time, readings, level[0], how.plan, acting)
         estimates = followed(kalman, float(np.median(np.diff(time))), found.heat)
         return Looked(estimates + behind, None, kalman, deconvolved=found)
-    alarm, change = None, None
+    alarm, change, departure = None, None, None
     if len(time) > 1 and (how.bands or how.smooth):
         alarm = _alarm(model, designed, time, readings, initial)
         # From a start that is not the machine's own a change would only explain the start.
@@ -212,7 +217,12 @@ def look(
     if how.sizes != "design" and len(time):
         pinned = how.sizes != "likelihood"
         kalman = fit_sizes(kalman, time, readings, pinned, initial, level).estimator
-    sized = kalman
+    sized = told = kalman
+    if how.bands and not how.smooth and how.walk is None:
+        told = _as_told(kalman, time, readings, level, initial)
+    if alarm is not None and how.walk != "design" and begins == initial:
+        alarm = with_loss(alarm, change)
+        departure = _departure(model, designed, told, time, readings, initial, alarm, change)
     if how.smooth and how.sizes != "design":
         # What the calibration has left of the sensors is no heat.
         kalman = with_misfit(kalman, model_errors(model, kalman))
@@ -253,9 +263,6 @@ def look(
             smoothed.sigma, model, kalman, time, estimates, readings, of_several
         )
     elif how.bands:
-        told = kalman
-        if how.walk is None:
-            told = _as_told(kalman, time, readings, level, initial)
         sigma = _filtered_sigma(kalman, told, time, level, begins, how.lag)
         if how.walk == "design" and not how.lag:
             # As a stream has them.
@@ -263,14 +270,18 @@ def look(
             sigma = np.hypot(sigma, np.array(relative) * estimates)
         else:
             sigma = _with_parameters(sigma, model, kalman, time, estimates, readings, of_several)
-    if sigma is not None and change is not None:
+    if sigma is not None and change is not None and (change.explains or change.kind == "loss"):
         # What a change leaves open that is taken, and all that one does which is not.
         like = replace(kalman, sensed=change.edge.sensed, followed=change.edge.followed)
         sigma = np.hypot(sigma, estimated(readings, like) - estimated(readings))
+    if sigma is not None and departure is not None:
+        variance = departure.variance(kalman, lambda like: estimated(readings, like))
+        sigma = np.sqrt(np.square(sigma) + variance)
     if alarm is not None and alarm.row is not None:
         alarm = replace(alarm, row=int(np.count_nonzero(there[: alarm.row])))
     estimates, sigma = estimates[there] + behind, None if sigma is None else sigma[there]
-    return Looked(estimates, sigma, sized, alarm, steps=steps, no_steps=no_steps, change=change)
+    return Looked(estimates, sigma, sized, alarm, steps=steps, no_steps=no_steps, change=change,
+                  departure=departure)  # fmt: skip
 
 
 def _alarm(
@@ -302,11 +313,36 @@ def _change(
     errors = model_errors(model, designed), gain_errors(model, designed)
     level = drive_levels(model, designed.drives)
     found = likeliest_change(designed, *errors, time, readings, initial, level)
+    if found is not None and found.explains:
+        told = _as_told(found.estimator, time, readings, level, initial)
+        left = _departure(model, designed, told, time, readings, initial, alarm, found)
+        found = replace(found, most=left is None or left.evidence < found.likelier)
     # A gain that is off without an alarm is one of the calibration's own.
     if found is None or not found.explains or (found.sensor and alarm.word != PARTED):
         return found
     after = _alarm(model, designed, time, readings, initial, found.estimator)
     return replace(found, is_enough=after.word == QUIET)
+
+
+def _departure(
+    model: Model,
+    designed: KalmanEstimator,
+    told: KalmanEstimator,
+    time: Float,
+    readings: Float,
+    initial: Initial,
+    alarm: Alarm,
+    change: Change | None,
+) -> ModelDeparture | None:
+    """What the record says of errors of the model, about a change of the machine that is clear."""
+    if alarm.word == NOT_POSSIBLE:
+        return None
+    about = change.estimator if change is not None and change.explains else designed
+    # A heat that wanders as it does here: one of another size would pass for an error of gains.
+    about = replace(about, walk=tuple(each / WALK_FACTOR for each in told.walk))
+    errors = model_errors(model, designed), gain_errors(model, designed)
+    level = drive_levels(model, designed.drives)
+    return model_departure(about, *errors, time, readings, initial, level)
 
 
 def _with_parameters(
@@ -342,11 +378,12 @@ def _filtered_sigma(
     sigma = running_errors(RunningError(kalman, period, level, told), time, begins)
     if not lag or len(time) < 2:
         return sigma
-    # On the mean over the record's clock; the last rows have fewer readings after them.
-    rows = round(lag / period)
+    rows = round(lag / period)  # on the mean over the record's clock; the last rows have fewer
     ahead = np.minimum(np.arange(len(time))[::-1], rows)
     found = np.sqrt(error_variance(kalman, told, period, rows))
-    return np.asarray(sigma * (found / np.maximum(found[0], 1e-300))[ahead])
+    late = sigma * (found / np.maximum(found[0], 1e-300))[ahead]
+    # Steady gains bring their noise into a state that is known, too: that of a machine at rest.
+    return np.maximum(late, found[ahead])
 
 
 def _as_told(

@@ -7,16 +7,19 @@ from typing import TYPE_CHECKING
 
 from thermaltool.errors import counted
 from thermaltool.model.validity import excursions, unit_suspects
+from thermaltool.status import PARTED
 from thermaltool.units import Hold, hold_of, parse_channel, printed, symbol
 
 # A sample period that differs from that of the design by less than this is as good [1].
 OTHER_PERIOD = 1.5
 
 if TYPE_CHECKING:
+    from thermaltool.estimation.batch import EstimatedRecord
     from thermaltool.estimation.changed_machine import Change
     from thermaltool.estimation.estimator import KalmanEstimator
     from thermaltool.estimation.heat_steps import HeatSteps
     from thermaltool.estimation.innovation_test import Alarm
+    from thermaltool.estimation.model_departure import ModelDeparture
     from thermaltool.logs import Log
     from thermaltool.model import Excursion, Model, Zero
 
@@ -180,6 +183,22 @@ def period_messages(log: Log, model: Model) -> Iterator[str]:
                )  # fmt: skip
 
 
+def look_messages(log: Log, found: EstimatedRecord, bands: bool) -> Iterator[str]:
+    """What the readings of a log tell of heat, noise, machine and model, beside the estimates."""
+    if found.sizes is not None:
+        yield sizes_message(found.sizes)
+    if found.steps is not None:
+        yield steps_message(found.steps)
+    elif found.no_steps:
+        yield f"the heat is taken to wander; no steps are looked for: {found.no_steps}"
+    if found.alarm is not None:
+        yield from alarm_messages(log, found.alarm)
+    if found.change is not None and found.change.is_clear:
+        yield change_message(log, found.change)
+    if found.departure is not None:
+        yield departure_message(log, found.departure, bands)
+
+
 def sizes_message(found: KalmanEstimator) -> str:
     """What the readings of a log tell of the heat's changes and of the sensors' noise."""
     walks = [
@@ -212,25 +231,37 @@ def alarm_messages(log: Log, alarm: Alarm) -> Iterator[str]:
     """From where on model and machine have parted, or what no test can see of it."""
     if alarm.row is not None:
         yield row_message(log, alarm.row, f"model and machine have parted: {alarm.reason}")
-    elif alarm.reason:
+    elif alarm.reason and alarm.word != PARTED:
+        # Parted without a row is told as the change that says so.
         yield f"{log.name}: {alarm.reason}"
 
 
 def change_message(log: Log, found: Change) -> str:
     """By what change of the machine the readings of a log are explained, and what that does."""
-    before, after = (f"{each:.3g} s" for each in found.slowest)
-    what = (
-        f"{found.sensor} shows {found.size:.4g} times what the model has for it"
-        if found.sensor
-        else f"the machine loses {'more' if found.size > 0 else 'less'} heat than when it was "
-        f"calibrated, its slowest time constant is {after}, not {before}"
-    )
+    before, after = (f"{each:.4g} s" for each in found.slowest)
+    size = f"{abs(100 * found.share):.2g} %"
+    what = {
+        "loss": f"the machine loses {size} {'more' if found.size > 0 else 'less'} heat than when "
+        f"it was calibrated, its slowest time constant is {after}, not {before}",
+        "gain": f"{found.sensor} shows {found.size:.4g} times what the model has for it",
+        "pace": f"{found.sensor} is {size} {'slower' if found.size > 1 else 'faster'} than the "
+        "model has it",
+    }[found.kind]
     then = (
         "the estimates are those of such a machine"
         if found.taken
         else "the estimates are those of the model, standard errors hold the difference"
     )
     return f"{log.name}: {what}: {found.likelier:.3g} nats likelier than no change; {then}"
+
+
+def departure_message(log: Log, found: ModelDeparture, is_held: bool) -> str:
+    """How far the readings of a log say that the model is off."""
+    gain, pace = (f"{100 * each:.2g} %" for each in found.sizes)
+    then = "standard errors hold it" if is_held else "--bands hold it"
+    return (f"{log.name}: the readings are {found.evidence:.3g} nats likelier with a model that is "
+            f"off, by {gain} of its gains and {pace} of its time constants; {then}"
+            )  # fmt: skip
 
 
 def pause_messages(log: Log, meaning: str) -> Iterator[str]:
