@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import itertools
-from dataclasses import FrozenInstanceError
+from dataclasses import FrozenInstanceError, replace
 
 import numpy as np
 import pytest
@@ -211,12 +211,15 @@ def test_a_loss_at_its_bound_is_moved_the_other_way() -> None:
 # ---------------------------------------------------------------- starts
 
 
+FOLLOWS = {"candidates": [{"chosen": True, "equilibrium": True}]}
+
+
 def test_a_machine_as_a_whole_warmer_than_its_room_is_the_likelier_start() -> None:
     """0.6 K off in a log: too little for ten decays of any size, and no other cause is asked."""
     room, spot = "T_room_degC", "T_spot_degC"
     model = Model(
         drives=(Drive(HEAT, "zero", 0.0, (0.0, 1.0)), Drive(room, "first", "first", (-2.0, 2.0))),
-        outputs=(Output(spot, "sensor", 20.0, (-5.0, 15.0)),),
+        outputs=(Output(spot, "sensor", 20.0, (-5.0, 15.0), FOLLOWS),),
         terms=(Term(HEAT, spot, Rational1(8.0, 700.0)), Term(room, spot, Rational1(1.0, 1500.0))),
         sample_period=5.0,
     )
@@ -235,4 +238,6 @@ def test_a_machine_as_a_whole_warmer_than_its_room_is_the_likelier_start() -> No
     # A start of its own needs no other beside it.
     assert started(likely) == [WITHIN_CALIBRATION | {"initial"}]
     assert started(any_start) == []
-    assert hypothesis().nuisance[Z].uniform == []
+    # A temperature that drives may be a part of the machine.
+    part = replace(model, outputs=(replace(model.outputs[0], fit={}),))
+    assert Hypothesis.of(part, [log], part, WITHIN_CALIBRATION).nuisance[spot].uniform == []

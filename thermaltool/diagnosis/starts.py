@@ -8,6 +8,7 @@ import numpy as np
 
 from thermaltool.diagnosis.simulation import Series, SimulatedLogs
 from thermaltool.effects.effect import Float
+from thermaltool.model import Output
 from thermaltool.model.initial_state import start_decays
 from thermaltool.units import is_absolute
 
@@ -43,15 +44,17 @@ def decays_of(runs: SimulatedLogs, output: str) -> list[Series]:
 def uniform_starts(runs: SimulatedLogs, output: str) -> list[Series]:
     """What a machine adds that begins a log as a whole warmer than its surroundings, one log each.
 
-    It then follows them as it would a step of theirs. None where the model has no surroundings.
+    It then follows them as it would a step of theirs. None where the calibration found no
+    temperature that becomes that of its surroundings: a drive may be a part of the machine.
 
     Parameters
     ----------
     runs : SimulatedLogs
     output : str
     """
-    around = [t for t in runs.model.terms if t.output == output and is_absolute(t.drive)]
-    if not around:
+    model = runs.model
+    around = [t for t in model.terms if t.output == output and is_absolute(t.drive)]
+    if not around or not any(is_in_equilibrium(each) for each in model.outputs):
         return []
     starts = [
         -UNIFORM_START * np.sum([t.response.step(log.elapsed) for t in around], axis=0)
@@ -61,6 +64,17 @@ def uniform_starts(runs: SimulatedLogs, output: str) -> list[Series]:
         [start if j == k else np.zeros(len(start)) for j, start in enumerate(starts)]
         for k in range(len(starts))
     ]
+
+
+def is_in_equilibrium(output: Output) -> bool:
+    """Whether an output becomes, without heat, as warm as its surroundings.
+
+    Parameters
+    ----------
+    output : Output
+    """
+    taken = (each for each in output.fit.get("candidates", ()) if each["chosen"])
+    return any(each.get("equilibrium", False) for each in taken)
 
 
 def beginning(runs: SimulatedLogs, output: str) -> Series:
