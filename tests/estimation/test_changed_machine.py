@@ -203,3 +203,7 @@ def test_what_the_innovations_show_of_a_model_is_held_by_the_bands():
     held = 1.96 * np.sqrt(found.variance(kalman, heats))
     assert np.mean(error < held) > 0.9
     assert np.mean(held) < 4 * np.mean(error)
+    # A sensor of which the calibration knows next to nothing ends no estimate.
+    unknown = [1.0] * len(kalman.sensors)
+    found = model_departure(kalman, ERRORS[0], unknown, time, readings, "free", [LEVEL])
+    assert found is None or np.all(np.isfinite(found.sizes))

@@ -71,6 +71,8 @@ def test_a_temperature_does_not_go_back_while_it_is_warmed():
     back = kind(K1=-0.4, K2=1.0, **shape)
     assert "staying on, cool it" in impossible([drive], OUTPUT, [back])
     assert not impossible([drive], "d_z_um", [back])
+    # What two places differ by may.
+    assert not impossible([drive], "dT_pair_K", [back])
     assert not impossible([drive], OUTPUT, [kind(K1=0.4, K2=1.0, **shape)])
     # What begins a little the wrong way is a short delay, by a kind of few time constants.
     assert not impossible([drive], OUTPUT, [kind(K1=1.0, K2=-0.1, **shape)])

@@ -17,7 +17,7 @@ import numpy as np
 from thermaltool.diagnosis.accidents import borne_out, seen_in_all
 from thermaltool.diagnosis.alternatives import tried_causes
 from thermaltool.diagnosis.correction import corrected
-from thermaltool.diagnosis.evidence import DECISIVE_EVIDENCE, Assumptions, released
+from thermaltool.diagnosis.evidence import DECISIVE_EVIDENCE, STARTS, Assumptions, released
 from thermaltool.diagnosis.fit import CauseCandidate
 from thermaltool.diagnosis.hypothesis import Hypothesis
 from thermaltool.diagnosis.no_signature import beyond_calibration, is_trend, too_short
@@ -40,6 +40,10 @@ MIN_FURTHER_ACCIDENT = 40.0
 MIN_MISFIT = 1.0
 # Without sound logs a search counts where it leaves at most this share of the power above noise.
 MAX_LEFT = 0.5
+BEGINS_AS_A_WHOLE = (
+    "a log does not begin at rest: the machine as a whole is warmer or colder than its "
+    "surroundings, and follows them"
+)
 
 
 def searched(task: DiagnosisTask, start: SearchState) -> tuple[DiagnosisTask, SearchState]:
@@ -224,17 +228,16 @@ def _own_change(
             "uncertainty: calibrate again"
         ), changed
     if "uniform" in better:
-        return search.noted(
-            "a log does not begin at rest: the machine as a whole is warmer or colder than its "
-            "surroundings, and follows them"
-        ), changed
+        return search.noted(BEGINS_AS_A_WHOLE), changed
     # What a short calibration has not seen may pass for a start: it comes first.
     freed = hypothesis.under(released(hypothesis.assumptions), task.model).fitted()
     cause = too_short(task.model, hypothesis, freed)
     # Beside a longer calibration nothing is left of what only looked like a start.
-    started = freed.evidence_of(freed.assumptions | {"initial"}) > DECISIVE_EVIDENCE
+    started = freed.evidence_of((freed.assumptions - STARTS) | {"initial"}) > DECISIVE_EVIDENCE
     if cause is not None and not started:
         return search.accepting(cause, freed), None
+    left = tuple(note for note in search.notes if note != BEGINS_AS_A_WHOLE)
+    search = replace(search, notes=left)
     return search.noted("a log does not begin at rest: its start decays are fitted apart"), changed
 
 

@@ -201,7 +201,8 @@ def with_loss(alarm: Alarm, change: Change | None) -> Alarm:
     """
     if alarm.word != QUIET or change is None or change.kind != "loss" or not change.is_clear:
         return alarm
-    return Alarm(PARTED, f"the machine loses {100 * change.share:+.2g} % more of its heat")
+    more = "more" if change.size > 0 else "less"
+    return Alarm(PARTED, f"the machine loses {abs(100 * change.share):.3g} % {more} heat")
 
 
 def _hypotheses(

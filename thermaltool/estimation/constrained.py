@@ -39,12 +39,16 @@ class Bounds:
 
 @dataclass
 class SplitState:
-    """Where the search stands: both sides of each constraint, over the level."""
+    """Where the search stands: both sides of each constraint, over the level.
+
+    `held_dual` counts in units of the weight of its constraint, `pinned`.
+    """
 
     steps: Float
     steps_dual: Float
     held: Float
     held_dual: Float
+    pinned: float | None = None
 
     @staticmethod
     def of(heat: Float, level: float, bounds: Bounds) -> SplitState:
@@ -113,6 +117,9 @@ class ConstrainedProblem:
         level, shift, heat = self.problem.level, np.zeros(len(self.readings)), state.held
         low, high = self.bounds.low / level, self.bounds.high / level
         still = TOLERANCE * self.spread / level
+        if state.pinned not in (None, self.pinned):
+            self.pinned = state.pinned
+            self.smoother = self._made()
         for turn in range(1, turns + 1):
             before, taken = heat, self.readings
             if self.total_variation:
@@ -140,6 +147,7 @@ class ConstrainedProblem:
                 return self._within(heat), True
             if self.pinned is not None and turn % BALANCED_EVERY == 0 and balance != 1:
                 self.pinned *= balance
+                state.pinned = self.pinned
                 state.held_dual = state.held_dual / balance
                 self.smoother = self._made()
         return self._within(heat), False

@@ -17,7 +17,7 @@ from itertools import combinations
 
 import numpy as np
 
-from thermaltool.errors import FitError, LogError
+from thermaltool.errors import FitError, LogError, ModelError
 from thermaltool.estimation.changed_machine import with_gain, with_pace
 from thermaltool.estimation.estimator import KalmanEstimator
 from thermaltool.estimation.innovation_test import checking_filter
@@ -102,7 +102,8 @@ def model_departure(
     kalman, model_error, gain_error, time, readings, initial, level
         As for `changed_machine.likeliest_change`.
     """
-    unit = np.concatenate([gain_error, gain_error])
+    # Steps stay where the likelihood is nearly a parabola, also of a sensor that is hardly known.
+    unit = np.minimum(np.concatenate([gain_error, gain_error]), MAX_ERROR / 2)
 
     def likelihood(away: Float) -> float:
         tested = checking_filter(_moved(kalman, unit * away), model_error)
@@ -110,7 +111,7 @@ def model_departure(
 
     try:
         slope, information = _curvature(likelihood, len(unit))
-    except (FitError, LogError, np.linalg.LinAlgError):
+    except (FitError, LogError, ModelError, np.linalg.LinAlgError):
         return None
     # What differs among the sensors.
     apart = np.kron(np.eye(2), np.eye(len(kalman.sensors)) - 1 / len(kalman.sensors))

@@ -10,7 +10,7 @@ from thermaltool.effects.channels import is_possible_gain
 from thermaltool.model import Drive
 from thermaltool.responses import Response
 from thermaltool.responses.modes import Float
-from thermaltool.units import is_overdamped, is_temperature
+from thermaltool.units import is_absolute, is_overdamped
 
 # Share of the largest rise that a temperature may go back while what warms it stays on: kinds of
 # few time constants begin with so much the wrong way where heat has to pass through other parts.
@@ -35,7 +35,7 @@ def impossible(drives: Sequence[Drive], output: str, responses: Sequence[Respons
         gain = float(step[-1])
         if not is_possible_gain(drive.channel, output, gain):
             return f"{drive.channel} would move it by {gain:.3g} °C for each °C"
-        heated = is_temperature(output) and is_overdamped([drive.channel], output)
+        heated = is_absolute(output) and is_overdamped([drive.channel], output)
         if heated and reversal(step) > MAX_REVERSAL:
             return f"{drive.channel} would warm it and, staying on, cool it"
     return ""
@@ -45,7 +45,7 @@ def reversal(step: Float) -> float:
     """How far a step response goes back, as a share of its largest value.
 
     The temperature of any part of a body answers a step of heat, or of the temperature around it,
-    monotonically: the maximum principle of the heat equation.
+    monotonically: the maximum principle of the heat equation. A difference of two need not.
 
     Parameters
     ----------

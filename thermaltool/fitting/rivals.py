@@ -69,7 +69,7 @@ class HeldFit:
     def _agree(self, other: HeldFit) -> bool:
         """Whether every block gains, or the mean of them by Student's t."""
         gains = np.array([other.level - self.level])
-        if len(self.blocks) == len(other.blocks):
+        if self.blocks and len(self.blocks) == len(other.blocks):
             gains = np.subtract(other.blocks, self.blocks)
         if len(gains) == 1:
             return bool(gains[0] > MIN_SINGLE_GAIN)

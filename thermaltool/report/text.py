@@ -239,7 +239,7 @@ def alarm_messages(log: Log, alarm: Alarm) -> Iterator[str]:
 def change_message(log: Log, found: Change) -> str:
     """By what change of the machine the readings of a log are explained, and what that does."""
     before, after = (f"{each:.4g} s" for each in found.slowest)
-    size = f"{abs(100 * found.share):.2g} %"
+    size = f"{abs(100 * found.share):.3g} %"
     what = {
         "loss": f"the machine loses {size} {'more' if found.size > 0 else 'less'} heat than when "
         f"it was calibrated, its slowest time constant is {after}, not {before}",
