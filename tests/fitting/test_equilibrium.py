@@ -6,7 +6,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from machines.shop import HEAD, HEAT, ROOM, shop_columns
+from machines.shop import BASE, HEAD, HEAT, ROOM, shop_columns
 
 from thermaltool.fitting.calibrate import CalibrationPlan, calibrate
 from thermaltool.fitting.covariance import block_covariance
@@ -25,8 +25,8 @@ def log_of(*how, **more):
     return Record(columns.pop("time_s"), columns, digest=f"{how} {more}")
 
 
-def room_gain(model):
-    return sum(t.response.dc_gain() for t in model.terms if t.drive == ROOM)
+def room_gain(model, output=HEAD):
+    return sum(t.response.dc_gain() for t in model.terms if (t.drive, t.output) == (ROOM, output))
 
 
 @pytest.mark.slow
@@ -43,15 +43,18 @@ def test_a_room_that_hardly_moves_is_followed_in_the_end(seed):
 
 
 @pytest.mark.slow
-def test_a_floor_that_nobody_logs_is_told_and_followed():
-    model = calibrate([log_of(4, 4.0, floor=6.0)], PLAN)
+@pytest.mark.parametrize("others", [(), (BASE,)])
+def test_a_floor_that_nobody_logs_is_told_and_followed(others):
+    model = calibrate([log_of(4, 4.0, floor=6.0)], replace(PLAN, sensors=(OUTPUT, *others)))
     # 6 W/K from the base to the floor beside 5 and, through the head, 1.5 W/K to the room.
     to_room = 5.0 + 1 / (1 / 5.0 + 1 / 1.5)
     base = to_room / (to_room + 6.0)
     truth = (1.5 + 5.0 * base) / 6.5
     assert room_gain(model) == pytest.approx(truth, abs=0.03)
-    (told,) = [line for line in calibration_warnings(model) if "add up" in line]
-    assert told.startswith(f"{OUTPUT}: its gains to {ROOM} add up to 0.")
+    assert all(room_gain(model, name) == pytest.approx(base, abs=0.03) for name in others)
+    told = [line for line in calibration_warnings(model) if "add up" in line]
+    for name, line in zip((OUTPUT, *others), told, strict=True):
+        assert line.startswith(f"{name}: its gains to {ROOM} add up to 0.")
 
 
 def test_what_is_known_of_a_sum_is_known_of_its_covariance():

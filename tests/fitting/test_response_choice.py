@@ -10,7 +10,7 @@ from machines.cooled_chain import CooledChain
 from machines.heated_rod import HeatedRod
 
 from thermaltool.fitting.calibrate import CalibrationPlan, calibrate
-from thermaltool.fitting.response_choice import LEFT_OUT
+from thermaltool.fitting.kind_candidate import LEFT_OUT
 from thermaltool.model import agreements
 from thermaltool.record import Record
 from thermaltool.report.calibration import calibration_table, calibration_warnings

@@ -14,12 +14,19 @@ from thermaltool.effects.effect import Effect
 from thermaltool.errors import FitError, ModelError
 from thermaltool.fitting.averaging import average, averaged_rows, of_readings
 from thermaltool.fitting.hold_choice import ChosenKinds, switched_between_rows
-from thermaltool.fitting.kind_candidate import KindCandidate, of_one_body
+from thermaltool.fitting.kind_candidate import (
+    LEFT_OUT,
+    KindCandidate,
+    denies_equilibrium,
+    is_as_good,
+    near_weights,
+    of_one_body,
+)
 from thermaltool.fitting.law_choice import explain, laws_of
 from thermaltool.fitting.laws import acting_records
 from thermaltool.fitting.output_fit import Loss, OutputFit, fit_output
 from thermaltool.fitting.projection import GridStates
-from thermaltool.fitting.response_choice import KINDS, LEFT_OUT, choose_response
+from thermaltool.fitting.response_choice import KINDS, choose_response
 from thermaltool.fitting.seen_changes import with_seen_changes
 from thermaltool.fitting.start_choice import begins_away_from_rest, free_where_known, rests
 from thermaltool.fitting.start_state import Initial
@@ -237,17 +244,28 @@ def _fitted(
     terms: list[Term] = []
     chosen: list[ChosenKinds] = []
     states: GridStates = {}
-    choices = of_one_body(
-        [
-            choose_response(
-                records, drives, channel, kind, plan.fixed, plan.free_start,
-                partial(_say, progress, channel), states,
-            )
-            if plan.chosen(channel)
-            else ()
-            for channel, _, kind in plan.outputs()
-        ]
-    )  # fmt: skip
+
+    def choice(channel: str, kind: str, equilibrium: bool = True) -> tuple[KindCandidate, ...]:
+        if not plan.chosen(channel):
+            return ()
+        return choose_response(
+            records, drives, channel, kind, plan.fixed, plan.free_start,
+            partial(_say, progress, channel), states, equilibrium,
+        )  # fmt: skip
+
+    named = [(channel, kind) for channel, _, kind in plan.outputs()]
+    choices = [choice(*each) for each in named]
+    denied = [
+        denies_equilibrium(found, drives, channel)
+        for (channel, _), found in zip(named, choices, strict=True)
+    ]
+    for k, denies in enumerate(denied if any(denied) else ()):
+        # Parts of one machine have the same surroundings, logged or not.
+        if not denies and any(each.chosen and each.equilibrium for each in choices[k]):
+            free = choice(*named[k], equilibrium=False)
+            noise = max(reading_sigma(record.column(named[k][0])) for record in records)
+            choices[k] = free if is_as_good(free, choices[k], noise) else choices[k]
+    choices = of_one_body(choices)
     for (channel, role, kind), tried in zip(plan.outputs(), choices, strict=True):
         say = partial(_say, progress, channel)
         kinds = [kind] * len(drives)
@@ -261,7 +279,7 @@ def _fitted(
         fit = fit_output(
             records, used, channel, kinds, plan.fixed, plan.loss, plan.starts,
             plan.free_start, say, delays if any(delays) else None, states, between,
-            equilibrium, _others(tried, acting),
+            equilibrium, near_weights(tried, acting),
         )  # fmt: skip
         outputs.append(_output(channel, role, fit, records, plan, used, tried))
         terms += (
@@ -271,19 +289,6 @@ def _fitted(
         own = tuple(delays[k] for k in acting)
         chosen.append(ChosenKinds(channel, tuple(acting), tuple(kinds), own, equilibrium))
     return outputs, terms, chosen
-
-
-def _others(tried: Sequence[KindCandidate], acting: Sequence[int]) -> list[Float]:
-    """Grid weights of what comes near, of the drives that act.
-
-    Those of the chosen kinds are among them, where a coarse search left them.
-    """
-    taken = [each for each in tried if each.chosen]
-    return [
-        each.weights[acting]
-        for each in tried
-        if each.weights is not None and each.delays == taken[0].delays
-    ]
 
 
 def as_simulated(model: Model, records: Sequence[Record]) -> Model:

@@ -6,6 +6,9 @@ from collections.abc import Sequence
 from dataclasses import asdict, dataclass, field, replace
 from typing import Any
 
+from thermaltool.fitting.candidate_data import MIN_EXCESS
+from thermaltool.fitting.projection import surroundings
+from thermaltool.model import Drive
 from thermaltool.responses.modes import Float
 
 # Diffusion through a plate without ends; and through one with two faces, which is tried for one
@@ -13,6 +16,8 @@ from thermaltool.responses.modes import Float
 PLATE, SLAB = "conduction", "slab"
 # Diffusion along a bar with insulated ends: for a temperature that is that of no slab.
 ROD = "rod"
+# In place of a kind: these records show no response to the drive.
+LEFT_OUT = "none"
 # What is said of the one that is taken.
 WHY_ALONE = "chosen: no other is as good"
 WHY_SIMPLEST = "chosen: the fewest parameters among those that are as good"
@@ -79,6 +84,59 @@ class KindCandidate:
             for kind, delay in zip(self.kinds, self.delays, strict=True)
         ]
         return parts[0] if len(set(parts)) == 1 else " + ".join(parts)
+
+
+def is_as_good(
+    found: Sequence[KindCandidate], others: Sequence[KindCandidate], noise: float
+) -> bool:
+    """Whether what is chosen has no more parameters than what is chosen of others, nor more error.
+
+    Parameters
+    ----------
+    found, others : sequence of KindCandidate
+    noise : float [unit of the output]
+        Of a reading.
+    """
+    own, other = (next(each for each in tried if each.chosen) for tried in (found, others))
+    excess = own.rmse**2 - other.rmse**2
+    return own.parameters <= other.parameters and excess <= (MIN_EXCESS * noise) ** 2
+
+
+def denies_equilibrium(
+    found: Sequence[KindCandidate], drives: Sequence[Drive], output: str
+) -> bool:
+    """Whether an output was found not to take the temperature of its surroundings.
+
+    Parameters
+    ----------
+    found : sequence of KindCandidate
+    drives : sequence of Drive
+    output : str
+    """
+    around = surroundings(drives, output)
+    return any(
+        each.chosen and not each.equilibrium and any(each.kinds[d] != LEFT_OUT for d in around)
+        for each in found
+    )
+
+
+def near_weights(tried: Sequence[KindCandidate], acting: Sequence[int]) -> list[Float]:
+    """Grid weights of what comes near, of the drives that act.
+
+    Those of the chosen kinds are among them, where a coarse search left them.
+
+    Parameters
+    ----------
+    tried : sequence of KindCandidate
+    acting : sequence of int
+        Drives by number.
+    """
+    taken = [each for each in tried if each.chosen]
+    return [
+        each.weights[acting]
+        for each in tried
+        if each.weights is not None and each.delays == taken[0].delays
+    ]
 
 
 def of_one_body(

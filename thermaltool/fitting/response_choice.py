@@ -16,6 +16,7 @@ import numpy as np
 
 from thermaltool.fitting.candidate_data import BLOCKS, CandidateData
 from thermaltool.fitting.kind_candidate import (
+    LEFT_OUT,
     MORE_PARAMETERS,
     PLATE,
     ROD,
@@ -23,6 +24,7 @@ from thermaltool.fitting.kind_candidate import (
     WHY_ALONE,
     WHY_SIMPLEST,
     KindCandidate,
+    is_as_good,
 )
 from thermaltool.fitting.output_fit import check_records
 from thermaltool.fitting.projection import GridStates, surroundings
@@ -44,8 +46,6 @@ KINDS = (
     "deflection",
     "joint_deflection",
 )
-# In place of a kind: these records show no response to the drive.
-LEFT_OUT = "none"
 DELAYED = ("rational1", "rational2", "rational3")
 # What is tried for one drive where there are several.
 KINDS_FOR_ONE = ("rational1", "rational2", "deflection")
@@ -78,6 +78,7 @@ def choose_response(
     free_start: bool = False,
     progress: Callable[[str], None] = lambda message: None,
     states: GridStates | None = None,
+    equilibrium: bool = True,
 ) -> tuple[KindCandidate, ...]:
     """All kinds of response on the same records, the chosen one among them.
 
@@ -94,6 +95,9 @@ def choose_response(
     progress : callable
     states : dict, optional
         See `CalibrationProblem.assemble`.
+    equilibrium : bool
+        Whether a temperature takes that of its surroundings in the end, unless the records are
+        against it.
 
     Returns
     -------
@@ -105,55 +109,51 @@ def choose_response(
         return ()
     task = KindSearch(
         records, drives, output, free_start, fixed or {}, {} if states is None else states,
-        bool(surroundings(drives, output)),
+        equilibrium and bool(surroundings(drives, output)),
     )  # fmt: skip
     found = _compared(task, usual, progress)
-    if task.equilibrium and _never_settles(task, found):
+    taken = next((each for each in found if each.chosen and each.equilibrium), None)
+    if taken is None:
+        return found
+    against, unseen = _never_settles(task, taken)
+    if against or unseen:
         progress("trying any gain to the surroundings")
-        found = _compared(task.out_of_equilibrium(), usual, progress)
+        free = _compared(task.out_of_equilibrium(), usual, progress)
+        if against or is_as_good(free, found, task.data((0.0,) * len(drives)).noise):
+            return free
     return found
 
 
-def _never_settles(task: KindSearch, found: Sequence[KindCandidate]) -> bool:
-    """Whether another gain to the surroundings than one is beyond doubt, with the kinds chosen.
+def _never_settles(task: KindSearch, taken: KindCandidate) -> tuple[bool, bool]:
+    """Whether another gain to the surroundings than one is beyond doubt, or as likely.
 
     Not all that warms and cools an output need be logged: a floor, a coolant, a wall. But a free
-    gain stands in for any small error of structure, too, and other logs pay for it.
+    gain stands in for any small error of structure, too, and other logs pay for it. Where the
+    surroundings are followed by a lag that no heat has, one is as likely as the other.
     """
-    taken = next((each for each in found if each.chosen and each.equilibrium), None)
-    if taken is None:
-        return False
     acting = [d for d, kind in enumerate(taken.kinds) if kind != LEFT_OUT]
     kinds = tuple(taken.kinds[d] for d in acting)
     delays = tuple(taken.delays[d] for d in acting)
     bound = task.driven_by([task.drives[d] for d in acting])
     settled, free = (own.fit(kinds, delays) for own in (bound, bound.out_of_equilibrium()))
     if settled is None or free is None:
-        return False
-    if _follows_unseen(settled, surroundings(bound.drives, task.output), task.duration):
-        return True
+        return False, False
+    slowest = [response.slowest() for response in settled.responses]
+    around = surroundings(bound.drives, task.output)
+    # One body has the same slow lags, whatever moves it.
+    others = [SLOWER_THAN_HEAT * each for d, each in enumerate(slowest) if d not in around]
+    unseen = max(slowest[d] for d in around) > max(others, default=task.duration)
     if unsound(free):
-        return False
+        return False, unseen
     rows = free.independent
-    return criterion(settled, rows) - criterion(free, rows) > DECISIVE and all(
+    against = criterion(settled, rows) - criterion(free, rows) > DECISIVE and all(
         free.data.counts(errors, others, MIN_AGAINST_EQUILIBRIUM)
         for errors, others in (
             (settled.residual, free.residual),
             (settled.held_out, free.held_out),
         )
     )
-
-
-def _follows_unseen(settled: FittedKinds, around: Sequence[int], duration: float) -> bool:
-    """Whether surroundings are followed by a lag alone that no log is long enough to show.
-
-    One body has the same slow lags, whatever moves it.
-    """
-    slowest = [response.slowest() for response in settled.responses]
-    others = [each for d, each in enumerate(slowest) if d not in around]
-    longest = max(slowest[d] for d in around)
-    shown = max([duration, *(SLOWER_THAN_HEAT * each for each in others)])
-    return longest > shown
+    return against, unseen
 
 
 def _compared(

@@ -9,8 +9,8 @@ from typing import Any
 from thermaltool.effects.effect import Effect, reference_of
 from thermaltool.effects.joint_contact import JointContact
 from thermaltool.fitting.discrepancy import MAX_OVER_NOISE, calibration_error
+from thermaltool.fitting.kind_candidate import LEFT_OUT
 from thermaltool.fitting.projection import surroundings
-from thermaltool.fitting.response_choice import LEFT_OUT
 from thermaltool.model import Model, Output, characteristics, to_document
 from thermaltool.report.presentation import duration, responses_table
 from thermaltool.report.text import aligned, listed, switched_between_rows
