@@ -121,8 +121,9 @@ def denies_equilibrium(
 
 
 def near_weights(tried: Sequence[KindCandidate], acting: Sequence[int]) -> list[Float]:
-    """Grid weights of what comes near, of the drives that act.
+    """Grid weights of what comes near, of the drives that act; none where one acts alone.
 
+    What several drives do together may be shared in other ways. A response to one is seen itself.
     Those of the chosen kinds are among them, where a coarse search left them.
 
     Parameters
@@ -135,7 +136,7 @@ def near_weights(tried: Sequence[KindCandidate], acting: Sequence[int]) -> list[
     return [
         each.weights[acting]
         for each in tried
-        if each.weights is not None and each.delays == taken[0].delays
+        if len(acting) > 1 and each.weights is not None and each.delays == taken[0].delays
     ]
 
 
