@@ -4,7 +4,7 @@ The finite-element frame with three pairs of probes is calibrated on logs of its
 Logs of 50 min and of 2.5 h come from a frame that loses heat half as fast again (its film
 coefficient), days of 24 h from the frame as it was calibrated. Printed is for each model how many
 logs and how many days end with an alarm; with `--change` of logs of 50 min, with the loss and
-without, on how many `estimate` names a loss of heat, alarm or not.
+without, on how many the test of changes that `estimate` asks names a loss of heat, alarm or not.
 """
 
 from __future__ import annotations
@@ -108,7 +108,7 @@ def main() -> int:
     parser.add_argument("--logs", type=int, default=12, help="of each length, for each model")
     parser.add_argument("--days", type=int, default=4, help="for each model")
     parser.add_argument("--bound", action="store_true", help="of a test that knows the loss")
-    parser.add_argument("--change", action="store_true", help="what `estimate` names")
+    parser.add_argument("--change", action="store_true", help="what the test of changes names")
     parser.add_argument("--seed", type=int, help="drawn and printed if absent")
     options = parser.parse_args()
     seed = options.seed

@@ -8,7 +8,6 @@ import numpy as np
 
 from thermaltool.diagnosis.simulation import Series, SimulatedLogs
 from thermaltool.effects.effect import Float
-from thermaltool.model import Output
 from thermaltool.model.initial_state import start_decays
 from thermaltool.units import is_absolute
 
@@ -54,7 +53,7 @@ def uniform_starts(runs: SimulatedLogs, output: str) -> list[Series]:
     """
     model = runs.model
     around = [t for t in model.terms if t.output == output and is_absolute(t.drive)]
-    if not around or not any(is_in_equilibrium(each) for each in model.outputs):
+    if not around or not any(each.chosen.get("equilibrium") for each in model.outputs):
         return []
     starts = [
         -UNIFORM_START * np.sum([t.response.step(log.elapsed) for t in around], axis=0)
@@ -64,17 +63,6 @@ def uniform_starts(runs: SimulatedLogs, output: str) -> list[Series]:
         [start if j == k else np.zeros(len(start)) for j, start in enumerate(starts)]
         for k in range(len(starts))
     ]
-
-
-def is_in_equilibrium(output: Output) -> bool:
-    """Whether an output becomes, without heat, as warm as its surroundings.
-
-    Parameters
-    ----------
-    output : Output
-    """
-    taken = (each for each in output.fit.get("candidates", ()) if each["chosen"])
-    return any(each.get("equilibrium", False) for each in taken)
 
 
 def beginning(runs: SimulatedLogs, output: str) -> Series:

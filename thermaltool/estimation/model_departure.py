@@ -117,7 +117,7 @@ def model_departure(
     apart = np.kron(np.eye(2), np.eye(len(kalman.sensors)) - 1 / len(kalman.sensors))
     alone = apart * unit / unit[:, None]
     slope, information = alone.T @ slope, alone.T @ information @ alone
-    scales = SCALES[SCALES * np.max(unit) <= max(MAX_ERROR, np.max(unit))]
+    scales = SCALES[SCALES * np.max(unit) <= MAX_ERROR]
     evidences = [_evidence(slope, information, scale) for scale in scales]
     best = int(np.argmax(evidences))
     if not evidences[best] > MIN_EVIDENCE:

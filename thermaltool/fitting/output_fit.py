@@ -284,7 +284,9 @@ def _described(
     if instants is not None:
         rows = (instants.whitened(jacobian), instants.whitened(residual))
         beside = instants.left(residual, weights)
-    known = problem.known_jacobian(parametrization, theta, linear)
+    known = None
+    if len(problem.known):
+        known = problem.known_jacobian(parametrization, theta, linear)
     covariance = block_covariance(*rows, problem.record, weights, prior, known)
     # From logarithms to the parameters themselves.
     factor = np.concatenate([np.exp(theta), np.ones(len(linear))])

@@ -225,7 +225,8 @@ class CalibrationProblem:
         """
         root = np.sqrt(weights)[:, None]
         stacked = np.hstack([self.design * root, self.measured[:, None] * root])
-        stacked = np.vstack([stacked, self.known * self.noise])
+        if len(self.known):
+            stacked = np.vstack([stacked, self.known * self.noise])
         first = 0
         if noise is not None:
             # Columns whose weights are eliminated first leave the others as they are beside them.

@@ -53,12 +53,12 @@ KINDS_FOR_ONE = ("rational1", "rational2", "deflection")
 SLAB_PARAMETERS = 5
 # Fall of the criterion that counts: odds of 150 to 1.
 DECISIVE = 10.0
-# ... and within what all kinds may be true (`Discrepancy.spread`),
+# Within so much of a reading's noise of the nearest all kinds may be true (`Discrepancy.spread`),
 AS_NEAR = 1.0
-# A lag of the surroundings so many times the slowest of any heat is none of the same body.
-SLOWER_THAN_HEAT = 3.0
 # ... and what speaks against a gain of one to the surroundings: an error as large as the noise.
 MIN_AGAINST_EQUILIBRIUM = 1.0
+# A lag of the surroundings so many times the slowest of any heat is none of the same body.
+SLOWER_THAN_HEAT = 3.0
 # A larger error on held-out blocks is sure from so many standard errors: not where one block, the
 # only one with a step in it, makes it.
 SURE = 2.0

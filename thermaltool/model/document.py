@@ -104,6 +104,11 @@ class Output:
         """
         return not self.fit.get("contact")
 
+    @property
+    def chosen(self) -> Mapping[str, Any]:
+        """The kinds of response that were chosen, as JSON; empty where none were compared."""
+        return next((each for each in self.fit.get("candidates", ()) if each["chosen"]), {})
+
 
 @dataclass(frozen=True)
 class Term:

@@ -94,7 +94,7 @@ def calibration_warnings(model: Model) -> list[str]:
         f"{o.channel}: {sentence}" for o in model.outputs for sentence in o.fit["unidentified"]
     ]
     for output in model.outputs:
-        for drive in _left_out(output.fit.get("candidates", ()), model):
+        for drive in _left_out(output, model):
             found.append(
                 f"{output.channel}: without {drive}: these logs show no response to it. To see "
                 f"one, change {drive} alone, while the other drives rest"
@@ -131,14 +131,12 @@ def _surroundings(model: Model) -> list[str]:
     kept: dict[tuple[str, ...], list[str]] = {}
     found, drives = [], {each.channel: each for each in model.drives}
     for output in model.outputs:
-        tried = output.fit.get("candidates", ())
-        taken: Mapping[str, Any] = next((c for c in tried if c["chosen"]), {})
         own = [t for t in model.terms if t.output == output.channel]
         around = surroundings([drives[t.drive] for t in own], output.channel)
         names = tuple(own[k].drive for k in around)
-        if not names or "equilibrium" not in taken:
+        if not names or "equilibrium" not in output.chosen:
             continue
-        if taken["equilibrium"]:
+        if output.chosen["equilibrium"]:
             kept.setdefault(names, []).append(output.channel)
             continue
         total = sum(own[k].response.dc_gain() for k in around)
@@ -247,14 +245,13 @@ def _law(effect: Effect, model: Model) -> str:
     )
 
 
-def _left_out(candidates: Sequence[Mapping[str, Any]], model: Model) -> list[str]:
+def _left_out(output: Output, model: Model) -> list[str]:
     """Drives that the chosen kinds leave out."""
+    kinds = output.chosen.get("kinds")
+    if kinds is None:
+        return []
     return [
-        drive.channel
-        for each in candidates
-        if each["chosen"]
-        for drive, kind in zip(model.drives, each["kinds"], strict=True)
-        if kind == LEFT_OUT
+        drive.channel for drive, kind in zip(model.drives, kinds, strict=True) if kind == LEFT_OUT
     ]
 
 
