@@ -270,16 +270,16 @@ def _fitted(
         say = partial(_say, progress, channel)
         kinds = [kind] * len(drives)
         delays: tuple[float, ...] = (0.0,) * len(drives)
-        equilibrium = False
+        equilibrium, common, near = False, False, None
         for taken in (each for each in tried if each.chosen):
-            kinds, delays = list(taken.kinds), taken.delays
-            equilibrium = taken.equilibrium
+            kinds, delays, near = list(taken.kinds), taken.delays, taken.theta
+            equilibrium, common = taken.equilibrium, taken.common
         acting = [k for k, own in enumerate(kinds) if own != LEFT_OUT]
         used, kinds = [drives[k] for k in acting], [kinds[k] for k in acting]
         fit = fit_output(
             records, used, channel, kinds, plan.fixed, plan.loss, plan.starts,
             plan.free_start, say, delays if any(delays) else None, states, between,
-            equilibrium, near_weights(tried, acting),
+            equilibrium, near_weights(tried, acting), near, common,
         )  # fmt: skip
         outputs.append(_output(channel, role, fit, records, plan, used, tried))
         terms += (
@@ -287,7 +287,7 @@ def _fitted(
             for k, drive in enumerate(used)
         )
         own = tuple(delays[k] for k in acting)
-        chosen.append(ChosenKinds(channel, tuple(acting), tuple(kinds), own, equilibrium))
+        chosen.append(ChosenKinds(channel, tuple(acting), tuple(kinds), own, equilibrium, common))
     return outputs, terms, chosen
 
 

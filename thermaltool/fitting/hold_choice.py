@@ -14,9 +14,10 @@ import numpy as np
 
 from thermaltool.fitting.projection import GridStates
 from thermaltool.fitting.response_choice import DECISIVE
-from thermaltool.fitting.response_search import KindSearch
+from thermaltool.fitting.response_search import FittedKinds, KindSearch
 from thermaltool.model import Drive
 from thermaltool.record import Record
+from thermaltool.responses.modes import Float
 
 # Share of the squared error of some output that has to go.
 MIN_FALL = 0.2
@@ -35,6 +36,8 @@ class ChosenKinds:
     delays : tuple of float [s]
     equilibrium : bool
         Whether gains to all temperatures among these drives add up to one.
+    common : bool
+        Whether these drives share their rates.
     """
 
     output: str
@@ -42,6 +45,19 @@ class ChosenKinds:
     kinds: tuple[str, ...]
     delays: tuple[float, ...]
     equilibrium: bool = False
+    common: bool = False
+
+    def fitted(self, task: KindSearch, near: Float | None = None) -> FittedKinds | None:
+        """These kinds fitted to all rows; None where they cannot be.
+
+        Parameters
+        ----------
+        task : KindSearch
+            Of the drives that act.
+        near : ndarray, shape (searched,), optional
+            Where to start, too.
+        """
+        return task.fit(self.kinds, self.delays, near, common=self.common)
 
 
 def switched_between_rows(
@@ -101,8 +117,8 @@ def _change(
     one, other = ([each[k] for k in chosen.drives] for each in (held, lines))
     # Rows that lines explain are no outliers, and those after a switch would be.
     task = KindSearch(records, other, chosen.output, free_start, fixed, states, chosen.equilibrium)
-    after = task.fit(chosen.kinds, chosen.delays)
-    before = task.driven_by(one, held_states).fit(chosen.kinds, chosen.delays)
+    after = chosen.fitted(task)
+    before = chosen.fitted(task.driven_by(one, held_states))
     if before is None or after is None or not before.size:
         return 0.0, 0.0
     floor = np.finfo(float).tiny

@@ -51,6 +51,10 @@ class KindCandidate:
     weights : ndarray, shape (drives, rates), optional
         Of every rate of the calibration's grid, of one that comes as near as a reading's noise to
         the nearest.
+    theta : ndarray, shape (searched,), optional
+        Logarithms of the rates and shapes of the drives that act.
+    common : bool
+        Whether these drives share their rates.
     """
 
     kinds: tuple[str, ...]
@@ -64,11 +68,13 @@ class KindCandidate:
     chosen: bool = False
     equilibrium: bool = False
     weights: Float | None = field(default=None, compare=False, repr=False)
+    theta: Float | None = field(default=None, compare=False, repr=False)
+    common: bool = False
 
     def document(self) -> dict[str, Any]:
         """As JSON."""
-        own = asdict(replace(self, weights=None))
-        del own["weights"]
+        own = asdict(replace(self, weights=None, theta=None))
+        del own["weights"], own["theta"]
         return {
             **own,
             "label": self.label,
@@ -83,7 +89,8 @@ class KindCandidate:
             f"{kind} delay={delay:.4g}" if delay else kind
             for kind, delay in zip(self.kinds, self.delays, strict=True)
         ]
-        return parts[0] if len(set(parts)) == 1 else " + ".join(parts)
+        label = parts[0] if len(set(parts)) == 1 else " + ".join(parts)
+        return f"{label}, common" if self.common else label
 
 
 def is_as_good(

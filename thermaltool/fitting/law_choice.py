@@ -134,7 +134,7 @@ def explain(
             acting, zeroed = acting_records(records, drives, laws, comparable=True)
             own = [zeroed[d] for d in each.drives]
             task = KindSearch(acting, own, each.output, free_start, fixed, {}, each.equilibrium)
-            fits.append(task.fit(each.kinds, each.delays))
+            fits.append(each.fitted(task))
         usual, other = fits
         if usual is None or other is None:
             return False

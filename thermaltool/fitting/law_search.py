@@ -150,8 +150,8 @@ class LawSearch:
         thetas = [None] * len(self.chosen) if near is None else [each.theta for each in near]
         alone = effects[-1].channel if base is not None and effects[-1].side == "sensor" else None
         fits = [
-            task.driven_by([drives[d] for d in each.drives], states, records).fit(
-                each.kinds, each.delays, thetas[k]
+            each.fitted(
+                task.driven_by([drives[d] for d in each.drives], states, records), thetas[k]
             )
             if base is None or alone is None or each.output == alone
             else base[k]

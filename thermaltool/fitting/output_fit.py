@@ -14,30 +14,23 @@ from thermaltool.fitting.discrepancy import Discrepancy, discrepancy, spread
 from thermaltool.fitting.instants import Instants, fitted_instants
 from thermaltool.fitting.parametrization import Parametrization
 from thermaltool.fitting.projection import (
-    MAX_CANCELLATION,
     CalibrationProblem,
     GridStates,
     Triangle,
 )
 from thermaltool.fitting.start_search import StartSearch
+from thermaltool.fitting.unidentified import cancelling, unidentified, unsettled
 from thermaltool.model import Drive, relative
 from thermaltool.record import Record
 from thermaltool.responses import Response, response_class
 from thermaltool.responses.modes import Float
-from thermaltool.signals.intervals import standard_error
 from thermaltool.signals.robust import robust_std
 
 Loss = Literal["linear", "huber"]
 
-# Standard errors, as a share of the value, above which a rate or shape is not identified, and a
-# steady state not settled.
-MAX_PARAMETER_ERROR, MAX_GAIN_ERROR = 0.5, 0.1
 # Of the logarithm of a rate or shape that no row says anything of: a factor of 400 either way, at
 # 95 %.
 RATE_DEVIATION = 3.0
-# A record shorter than this many of the slowest time constants does not show the steady state:
-# its covariance, linear around the fit, is then too narrow to be believed.
-SETTLED_TIME_CONSTANTS = 3
 # Residuals beyond this many robust standard deviations count linearly (Huber); their weights are
 # found anew at most so often, until none changes by more than this.
 HUBER_THRESHOLD, MAX_REWEIGHTINGS, WEIGHT_TOLERANCE = 2.5, 8, 1e-3
@@ -147,6 +140,8 @@ def fit_output(
     between: Sequence[str] = (),
     equilibrium: bool = False,
     others: Sequence[Float] = (),
+    near: Float | None = None,
+    common: bool = False,
 ) -> OutputFit:
     """Fit one output to its drives over all records at once.
 
@@ -181,6 +176,10 @@ def fit_output(
         See `CalibrationProblem.assemble`.
     others : sequence of ndarray, shape (drives, rates)
         Grid weights of other kinds that come as near: what they differ by is not known.
+    near : ndarray, shape (searched,), optional
+        Logarithms of rates and shapes from which the search starts, too.
+    common : bool
+        One kind whose rates all drives share.
 
     Raises
     ------
@@ -198,7 +197,7 @@ def fit_output(
             {**own, "delay": delay} if "delay" in own else own
             for own, delay in zip(constants, delays, strict=True)
         )
-    parametrization = Parametrization(classes, constants)
+    parametrization = Parametrization(classes, constants, common)
     delays = [own.get("delay", 0.0) for own in constants]
     problem = CalibrationProblem.assemble(
         records, drives, output, free_start, delays, states, equilibrium
@@ -217,13 +216,26 @@ def fit_output(
     weights = np.ones(rows)
     triangle = problem.compress(weights)
     reached = search.best(parametrization.starts(period, duration), triangle, starts, progress)
-    theta = reached[0][1]
+    if near is not None:
+        reached = sorted([*reached, search.refine(near, triangle)], key=lambda result: result[0])
+
+    def is_sound(theta: Float) -> bool:
+        linear = search.fitted(theta, triangle)[1]
+        return not search.soundness(theta, linear, drives, output, duration).flaw
+
+    def refined(theta: Float) -> Float:
+        """Where the search goes on to, unless that is no machine any more."""
+        further = search.refine(theta, triangle)[1]
+        return further if is_sound(further) or not is_sound(theta) else theta
+
+    places = [*(theta for _, theta in reached), *([] if near is None else [near])]
+    theta = next(filter(is_sound, places), places[0])
     for _ in range(MAX_REWEIGHTINGS if loss == "huber" else 0):
         new = _huber_weights(search.fitted(theta, triangle)[0])
         if new is None or np.max(np.abs(new - weights)) < WEIGHT_TOLERANCE:
             break
         weights, triangle = new, problem.compress(new)
-        theta = search.refine(theta, triangle)[1]
+        theta = refined(theta)
     rmses = tuple(size * search.scale / np.sqrt(rows) for size, _ in reached)
     instants = None
     for _ in range(MAX_REWEIGHTINGS if between else 0):
@@ -234,7 +246,7 @@ def fit_output(
             # Nothing in the last fit asks for what the one before has in it.
             if instants is not None:
                 instants, triangle = None, problem.compress(weights)
-                theta = search.refine(theta, triangle)[1]
+                theta = refined(theta)
             break
         if instants is None:
             # Rows behind a switch are no outliers beside its instant.
@@ -244,7 +256,7 @@ def fit_output(
             new = _huber_weights(instants.left(residual, weights))
             weights = weights if new is None else new
         triangle = problem.compress(weights, (instants.columns, instants.noise))
-        theta = search.refine(theta, triangle)[1]
+        theta = refined(theta)
         if np.max(np.abs(theta - before), initial=0.0) < WEIGHT_TOLERANCE:
             break
     lags = problem
@@ -291,8 +303,15 @@ def _described(
     # From logarithms to the parameters themselves.
     factor = np.concatenate([np.exp(theta), np.ones(len(linear))])
     covariance = covariance * np.outer(factor, factor)
-    keep = [*range(fitted), *range(-problem.records, 0)]
+    weak = unidentified(names, np.exp(theta), np.sqrt(np.diag(covariance)))
+    # From here on every drive has rates of its own, though they be the same.
+    apart = parametrization.apart
+    shared = np.concatenate(parametrization.parts(np.arange(len(theta))))
+    keep = [*shared, *range(len(theta), fitted), *range(-problem.records, 0)]
     covariance = covariance[np.ix_(keep, keep)]
+    rates = theta[shared]
+    if parametrization.common:
+        jacobian = problem.jacobian(apart, rates, linear)
     n = len(problem.grid.rates)
     # Slower than the record is no shape: it would pass for any drift.
     lags = np.flatnonzero(problem.grid.rates >= 1 / duration)
@@ -301,16 +320,16 @@ def _described(
     share = float(np.linalg.norm(residual)) / variation if variation else 1.0
     return OutputFit(
         responses=responses,
-        names=(*names, *(f"offset[{k}]" for k in range(problem.records))),
+        names=(*apart.names(), *(f"offset[{k}]" for k in range(problem.records))),
         covariance=covariance,
         offsets=tuple(linear[-problem.records :].tolist()),
         rmse=float(np.sqrt(np.mean(residual**2))),
         max_error=float(np.max(np.abs(residual))),
         fit_percent=100 * (1 - share),
         unidentified=(
-            *_unidentified(names, np.exp(theta), np.sqrt(np.diag(covariance))),
-            *_cancelling(search, theta, linear[:gains]),
-            *_unsettled(responses, parametrization, covariance, duration),
+            *weak,
+            *cancelling(search, theta, linear[:gains]),
+            *unsettled(responses, apart, covariance, duration),
         ),
         starts=starts,
         covered=duration / max(response.slowest() for response in responses),
@@ -318,10 +337,10 @@ def _described(
             problem.time,
             problem.record,
             beside,
-            jacobian[:, :fitted],
-            jacobian[:, fitted:],
+            jacobian[:, : len(rates) + gains],
+            jacobian[:, len(rates) + gains :],
             bank,
-            np.append(np.ones(len(theta)), np.full(gains, np.max(np.abs(linear[:gains])))),
+            np.append(np.ones(len(rates)), np.full(gains, np.max(np.abs(linear[:gains])))),
             spread(
                 problem.grid.rates,
                 lags,
@@ -334,63 +353,3 @@ def _described(
         instants=0 if instants is None else instants.columns.shape[1],
         rmse_instants=None if instants is None else float(np.sqrt(np.mean(beside**2))),
     )
-
-
-def _unidentified(names: Sequence[str], values: Float, deviation: Float) -> list[str]:
-    """Rates and shapes of large standard error, in one sentence."""
-    weak = [
-        f"{name} ({value:.3g} ± {error:.2g})"
-        for name, value, error in zip(names, values, deviation, strict=False)
-        if error > MAX_PARAMETER_ERROR * value
-    ]
-    return [f"not identified one by one: {', '.join(weak)}"] if weak else []
-
-
-def _cancelling(search: StartSearch, theta: Float, gains: Float) -> list[str]:
-    """Terms that are far larger than the output, in one sentence."""
-    unit = search.parametrization.unit_weights(theta, search.problem.grid)
-    size = search.problem.cancellation(unit, gains)
-    if size <= MAX_CANCELLATION:
-        return []
-    names = search.parametrization.names()[len(theta) :]
-    shown = ", ".join(f"{name} {gain:.4g}" for name, gain in zip(names, gains, strict=True))
-    return [
-        f"gains cancel ({shown}): terms of {size:.3g} times the output, which these logs cannot "
-        "tell apart, and which another input will not leave in balance; take fewer of them "
-        "(--response), or move the drives one at a time"
-    ]
-
-
-def _unsettled(
-    responses: tuple[Response, ...],
-    parametrization: Parametrization,
-    covariance: Float,
-    duration: float,
-) -> list[str]:
-    """Steady states that the records do not reach: the gain's error by linear propagation."""
-    found = []
-    at, gain_at = 0, parametrization.searched
-    for cls, fixed, response in zip(
-        parametrization.classes, parametrization.fixed, responses, strict=True
-    ):
-        names = (*cls.searched, *cls.gains)
-        index = [*range(at, at + len(cls.searched)), *range(gain_at, gain_at + len(cls.gains))]
-        at, gain_at = at + len(cls.searched), gain_at + len(cls.gains)
-        values = {name: getattr(response, name) for name in names}
-        gradient = []
-        for name in names:
-            step = 1e-4 * abs(values[name]) or 1e-6
-            ahead = cls(**{**values, name: values[name] + step}, **fixed).dc_gain()
-            behind = cls(**{**values, name: values[name] - step}, **fixed).dc_gain()
-            gradient.append((ahead - behind) / (2 * step))
-        error = standard_error(np.array(gradient), covariance[np.ix_(index, index)])
-        gain, slowest = response.dc_gain(), response.slowest()
-        steady = f"the steady state ({gain:.4g} ± {error:.2g})"
-        if duration < SETTLED_TIME_CONSTANTS * slowest:
-            found.append(
-                f"{steady} is not settled: the record covers {duration / slowest:.2g} of the "
-                f"slowest time constant, {slowest:.3g} s"
-            )
-        elif error > MAX_GAIN_ERROR * abs(gain):
-            found.append(f"{steady} is not sure, though the record is long enough to show it")
-    return found

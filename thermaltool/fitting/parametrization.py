@@ -3,10 +3,11 @@
 from __future__ import annotations
 
 from collections.abc import Iterator, Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
+from numpy.typing import NDArray
 
 from thermaltool.responses import Response
 from thermaltool.responses.modes import Float
@@ -29,15 +30,40 @@ class Parametrization:
     ----------
     classes : tuple of response classes, one for each drive
     fixed : tuple of mapping, the parameters that are not fitted
+    common : bool
+        One kind whose rates all drives share: those of the modes of one body.
     """
 
     classes: tuple[Any, ...]
     fixed: tuple[Mapping[str, float], ...]
+    common: bool = False
 
     @property
     def searched(self) -> int:
         """Number of parameters that enter nonlinearly."""
-        return sum(len(cls.searched) for cls in self.classes)
+        return sum(len(cls.searched) for cls in self._own)
+
+    @property
+    def _own(self) -> tuple[Any, ...]:
+        """Those kinds that have rates of their own."""
+        return self.classes[:1] if self.common else self.classes
+
+    @property
+    def apart(self) -> Parametrization:
+        """The same kinds, each drive with rates of its own."""
+        return replace(self, common=False)
+
+    def parts(self, theta: NDArray[Any]) -> list[NDArray[Any]]:
+        """What each drive has of `theta`, also where it is shared.
+
+        Parameters
+        ----------
+        theta : ndarray, shape (searched,)
+        """
+        if self.common:
+            return [theta] * len(self.classes)
+        lengths = [len(cls.searched) for cls in self.classes]
+        return np.split(theta, np.cumsum(lengths)[:-1])
 
     @property
     def gains(self) -> int:
@@ -61,7 +87,7 @@ class Parametrization:
         duration = duration * (SLOWEST_FREE if free_start else SLOWEST) / SLOWEST_KNOWN
         boxes = [
             cls.search_box(period, duration, **fixed)[name]
-            for cls, fixed in zip(self.classes, self.fixed, strict=True)
+            for cls, fixed in zip(self._own, self.fixed, strict=False)
             for name in cls.searched
         ]
         low, high = np.log(boxes).T
@@ -74,7 +100,7 @@ class Parametrization:
         """
         lists = [
             cls.starts(period, duration, **fixed)
-            for cls, fixed in zip(self.classes, self.fixed, strict=True)
+            for cls, fixed in zip(self._own, self.fixed, strict=False)
         ]
         longest = max(map(len, lists))
         joint = [sum((each[k % len(each)] for each in lists), ()) for k in range(longest)]
@@ -82,22 +108,19 @@ class Parametrization:
 
     def names(self) -> list[str]:
         """Names of the searched parameters, then of the gains; with [k] for several drives."""
-        several = len(self.classes) > 1
         return [
-            f"{name}[{k}]" if several else name
-            for group in ("searched", "gains")
-            for k, cls in enumerate(self.classes)
+            f"{name}[{k}]" if len(own) > 1 else name
+            for group, own in (("searched", self._own), ("gains", self.classes))
+            for k, cls in enumerate(own)
             for name in getattr(cls, group)
         ]
 
     def split(self, theta: Float) -> list[dict[str, float]]:
         """Searched parameters of each response, from their logarithms."""
-        parts, at = [], 0
-        for cls in self.classes:
-            values = np.exp(theta[at : at + len(cls.searched)])
-            parts.append(dict(zip(cls.searched, values.tolist(), strict=True)))
-            at += len(cls.searched)
-        return parts
+        return [
+            dict(zip(cls.searched, np.exp(own).tolist(), strict=True))
+            for cls, own in zip(self.classes, self.parts(theta), strict=True)
+        ]
 
     def excess(self, theta: Float) -> float:
         """How far `theta` (logarithms) is beyond what its kinds can be followed at; 0 within."""
@@ -142,6 +165,9 @@ class Parametrization:
         ------
         ndarray, shape (drives · n, gains)
         """
+        if self.common:
+            yield from self._common_slopes(theta, grid, central)
+            return
         n, at = len(grid.rates), 0
         for k, searched in enumerate(self.split(theta)):
             gains = slice(at, at + len(self.classes[k].gains))
@@ -157,6 +183,12 @@ class Parametrization:
                 slope = np.zeros((n * len(self.classes), self.gains))
                 slope[k * n : (k + 1) * n, gains] = (ahead - behind) / (SLOPE_STEP + back)
                 yield slope
+
+    def _common_slopes(self, theta: Float, grid: RelaxationGrid, central: bool) -> Iterator[Float]:
+        """Slopes of one drive's weights, the same for every drive."""
+        one = Parametrization(self.classes[:1], self.fixed[:1])
+        for slope in one.unit_slopes(theta, grid, central):
+            yield np.asarray(np.kron(np.eye(len(self.classes)), slope), float)
 
     def _own_weights(self, k: int, searched: Mapping[str, float], grid: RelaxationGrid) -> Float:
         """Grid weights of one response, each gain set to one; shape (n, gains)."""

@@ -1,12 +1,14 @@
-"""What no machine does: responses that thermodynamics rules out, whatever their error."""
+"""What no machine does, and what no log shows: fits that are no answer, whatever their error."""
 
 from __future__ import annotations
 
 from collections.abc import Sequence
+from dataclasses import dataclass
 
 import numpy as np
 
 from thermaltool.effects.channels import is_possible_gain
+from thermaltool.fitting.projection import MAX_CANCELLATION
 from thermaltool.model import Drive
 from thermaltool.responses import Response
 from thermaltool.responses.modes import Float
@@ -17,6 +19,38 @@ from thermaltool.units import is_absolute, is_overdamped
 MAX_REVERSAL = 0.05
 # Of so many of the slowest time constants a response is as good as settled; instants in between.
 SETTLED, INSTANTS = 8.0, 60
+# A time constant of so many of the longest record is a trend, and its gain a guess.
+MAX_SLOWEST = 2.0
+
+
+@dataclass(frozen=True)
+class Soundness:
+    """Whether a fit may be an answer, however close it comes.
+
+    Attributes
+    ----------
+    cancellation : float
+        Size of the largest term over that of the output.
+    slowest : float
+        Slowest time constant over the longest record.
+    impossible : str
+        What no machine does; empty where there is nothing of that.
+    """
+
+    cancellation: float
+    slowest: float
+    impossible: str
+
+    @property
+    def flaw(self) -> str:
+        """Why it is no answer; empty where it is one."""
+        if self.impossible:
+            return self.impossible
+        if self.cancellation > MAX_CANCELLATION:
+            return f"terms of {self.cancellation:.3g} times the output cancel"
+        if self.slowest > MAX_SLOWEST:
+            return f"a time constant of {self.slowest:.3g} times the record"
+        return ""
 
 
 def impossible(drives: Sequence[Drive], output: str, responses: Sequence[Response]) -> str:

@@ -26,10 +26,16 @@ from thermaltool.fitting.kind_candidate import (
     KindCandidate,
     is_as_good,
 )
+from thermaltool.fitting.mixed_kinds import (
+    DELAYED,
+    KINDS_FOR_ONE,
+    common_lags,
+    mixed_kinds,
+)
 from thermaltool.fitting.output_fit import check_records
 from thermaltool.fitting.projection import GridStates, surroundings
 from thermaltool.fitting.response_search import FEW_STARTS, FittedKinds, KindSearch
-from thermaltool.fitting.sound_kinds import best_of, criterion, sound_ones, unsound
+from thermaltool.fitting.sound_kinds import best_of, criterion, sound_ones
 from thermaltool.model import Drive
 from thermaltool.record import Record
 from thermaltool.responses.modes import Float
@@ -46,9 +52,6 @@ KINDS = (
     "deflection",
     "joint_deflection",
 )
-DELAYED = ("rational1", "rational2", "rational3")
-# What is tried for one drive where there are several.
-KINDS_FOR_ONE = ("rational1", "rational2", "deflection")
 # Fitted ones of a slab, which is tried where others ask for more.
 SLAB_PARAMETERS = 5
 # Fall of the criterion that counts: odds of 150 to 1.
@@ -135,7 +138,9 @@ def _never_settles(task: KindSearch, taken: KindCandidate) -> tuple[bool, bool]:
     kinds = tuple(taken.kinds[d] for d in acting)
     delays = tuple(taken.delays[d] for d in acting)
     bound = task.driven_by([task.drives[d] for d in acting])
-    settled, free = (own.fit(kinds, delays) for own in (bound, bound.out_of_equilibrium()))
+    settled, free = (
+        own.fit(kinds, delays, common=taken.common) for own in (bound, bound.out_of_equilibrium())
+    )
     if settled is None or free is None:
         return False, False
     slowest = [response.slowest() for response in settled.responses]
@@ -143,7 +148,7 @@ def _never_settles(task: KindSearch, taken: KindCandidate) -> tuple[bool, bool]:
     # One body has the same slow lags, whatever moves it.
     others = [SLOWER_THAN_HEAT * each for d, each in enumerate(slowest) if d not in around]
     unseen = max(slowest[d] for d in around) > max(others, default=task.duration)
-    if unsound(free):
+    if free.soundness.flaw:
         return False, unseen
     rows = free.independent
     against = criterion(settled, rows) - criterion(free, rows) > DECISIVE and all(
@@ -183,7 +188,9 @@ def _compared(
         found += _delayed(task, found, rows)
     if len(drives) > 1:
         progress("trying a kind for each drive")
-        found += _mixed(task, found, rows)
+        found += mixed_kinds(task, found, rows)
+        progress("trying time constants that all drives share")
+        found += common_lags(task, best_of(found, rows))
     judged = _Judgement(found, task.data(still), rows).candidates(usual)
     around = set(surroundings(drives, task.output)) if task.equilibrium else set()
     return tuple(
@@ -254,53 +261,11 @@ def _golden(size: Callable[[float], float], low: float, high: float, steps: int)
     return float(a if at_a <= at_b else b)
 
 
-def _mixed(task: KindSearch, found: Sequence[FittedKinds], rows: float) -> list[FittedKinds]:
-    """From the best, and from the best without a delay, where that is another."""
-    plain = [each for each in found if not any(each.delays)]
-    starts = {id(each): each for each in (best_of(found, rows), best_of(plain, rows))}
-    return [each for start in starts.values() for each in _replaced(task, start, plain, rows)]
-
-
-def _replaced(
-    task: KindSearch, best: FittedKinds, plain: Sequence[FittedKinds], rows: float
-) -> list[FittedKinds]:
-    """Without each of the drives, and with another kind for one after the other."""
-    alike = {each.kinds[0]: each for each in plain}
-    tried: list[FittedKinds] = []
-    for d in range(len(best.kinds)):
-        others = [_left_out(task, best, d)]
-        for kind in KINDS_FOR_ONE:
-            if (
-                kind == best.kinds[d]
-                or kind not in alike
-                or (best.delays[d] and kind not in DELAYED)
-            ):
-                continue
-            rates = [best.rates(k) for k in range(len(best.kinds))]
-            rates[d] = alike[kind].rates(d)
-            kinds = (*best.kinds[:d], kind, *best.kinds[d + 1 :])
-            others.append(task.fit(kinds, best.delays, np.concatenate(rates)))
-        tried += [each for each in others if each is not None]
-        best = best_of([best, *(each for each in tried if LEFT_OUT not in each.kinds)], rows)
-    return tried
-
-
 def _all_weights(each: FittedKinds) -> Float:
     """Grid weights of every drive, zeros of one that is left out; shape (drives, rates)."""
     own = iter(each.weights)
     still = np.zeros(len(each.data.problem.grid.rates))
     return np.array([still if kind == LEFT_OUT else next(own) for kind in each.kinds])
-
-
-def _left_out(task: KindSearch, best: FittedKinds, d: int) -> FittedKinds | None:
-    if any(best.delays):
-        return None
-    kinds = (*best.kinds[:d], *best.kinds[d + 1 :])
-    rates = [best.rates(k) for k in range(len(best.kinds)) if k != d]
-    fit = task.without(d).fit(kinds, (0.0,) * len(kinds), np.concatenate(rates))
-    if fit is None:
-        return None
-    return replace(fit, kinds=(*kinds[:d], LEFT_OUT, *kinds[d:]), delays=best.delays)
 
 
 class _Judgement:
@@ -319,7 +284,7 @@ class _Judgement:
         self.least = criterion(best_of(sound, rows), rows)
         closest, kept = min(sound, key=lambda each: each.size), {id(each) for each in sound}
         self.notes = [
-            self._before(each, closest) if id(each) in kept else unsound(each)
+            self._before(each, closest) if id(each) in kept else each.soundness.flaw
             for each in self.found
         ]
         left = [each for each, note in zip(self.found, self.notes, strict=True) if not note]
@@ -352,9 +317,12 @@ class _Judgement:
             The kind that is taken among equals.
         """
         sound = [k for k, note in enumerate(self.notes) if not note]
+        several = any(each.common for each in self.found)
         taken = min(
             sound,
             key=lambda k: (
+                # Parts of one body have its time constants, whatever moves it: few for all drives.
+                len(self.found[k].theta) if several else 0,
                 self.found[k].parameters,
                 self.found[k].kinds[0] != usual,
                 self.data.rms(self.found[k].held_out),
@@ -374,10 +342,12 @@ class _Judgement:
                     self.data.rms(each.residual),
                     self.data.rms(each.held_out) if "held_out" in each.__dict__ else None,
                     criterion(each, self.rows) - self.least,
-                    each.cancellation,
+                    each.soundness.cancellation,
                     note or MORE_PARAMETERS,
                     k == taken,
-                    weights=_all_weights(each) if near and not unsound(each) else None,
+                    weights=_all_weights(each) if near and not each.soundness.flaw else None,
+                    theta=each.theta,
+                    common=each.common,
                 )
             )
         return tuple(sorted(result, key=lambda each: (each.parameters, each.criterion)))

@@ -14,7 +14,7 @@ from thermaltool.errors import FitError
 from thermaltool.fitting.averaging import known_noise
 from thermaltool.fitting.candidate_data import FOLDS, CandidateData
 from thermaltool.fitting.parametrization import Parametrization
-from thermaltool.fitting.possible import impossible
+from thermaltool.fitting.possible import Soundness
 from thermaltool.fitting.projection import CalibrationProblem, GridStates
 from thermaltool.fitting.start_search import COARSE, StartSearch
 from thermaltool.model import Drive
@@ -46,14 +46,11 @@ class FittedKinds:
         Logarithms of rates and shapes.
     residual : ndarray, shape (groups,) [unit of the output]
         Of the mean of a group of rows, times the root of their number.
-    cancellation : float
-        Size of the largest term over that of the output.
-    slowest : float
-        Slowest time constant over the longest record.
-    impossible : str
-        What no machine does; empty where there is nothing of that.
+    soundness : Soundness
     search : StartSearch
     data : CandidateData
+    common : bool
+        Whether all drives share their rates.
     """
 
     kinds: tuple[str, ...]
@@ -61,11 +58,10 @@ class FittedKinds:
     parameters: int
     theta: Float
     residual: Float
-    cancellation: float
-    slowest: float
-    impossible: str
+    soundness: Soundness
     search: StartSearch
     data: CandidateData
+    common: bool = False
 
     def rates(self, drive: int) -> Float:
         """Logarithms of one drive's rates and shapes, shape (own searched,).
@@ -74,8 +70,7 @@ class FittedKinds:
         ----------
         drive : int
         """
-        lengths = [len(cls.searched) for cls in self.search.parametrization.classes]
-        return np.split(self.theta, np.cumsum(lengths)[:-1])[drive]
+        return self.search.parametrization.parts(self.theta)[drive]
 
     @property
     def gains(self) -> Float:
@@ -198,16 +193,18 @@ class KindSearch:
     def _noise(self) -> float | None:
         return known_noise(self.records, self.output)
 
-    def _parametrization(self, kinds: Sequence[str]) -> Parametrization:
+    def _parametrization(self, kinds: Sequence[str], common: bool = False) -> Parametrization:
         classes = tuple(response_class(kind) for kind in kinds)
         constants = tuple({k: self.fixed.get(k, v) for k, v in c.fixed.items()} for c in classes)
-        return Parametrization(classes, constants)
+        return Parametrization(classes, constants, common)
 
     def _limits(self, own: Parametrization) -> tuple[Float, Float]:
         return own.limits(self.period, self.duration, self.free_start)
 
-    def _search(self, data: CandidateData, kinds: Sequence[str]) -> StartSearch:
-        own = self._parametrization(kinds)
+    def _search(
+        self, data: CandidateData, kinds: Sequence[str], common: bool = False
+    ) -> StartSearch:
+        own = self._parametrization(kinds, common)
         return StartSearch(data.problem, own, self._limits(own), COARSE)
 
     @cached_property
@@ -268,6 +265,7 @@ class KindSearch:
         delays: tuple[float, ...],
         theta: Float | None = None,
         refined: int | None = None,
+        common: bool = False,
     ) -> FittedKinds | None:
         """Kinds fitted to all rows; None where they cannot be.
 
@@ -279,9 +277,11 @@ class KindSearch:
             Where to start, too, beside the grids of the kinds.
         refined : int, optional
             Starts from which a minimum is sought; by the number of drives by default.
+        common : bool
+            One kind whose rates all drives share.
         """
         data = self.data(delays)
-        search = self._search(data, kinds)
+        search = self._search(data, kinds, common)
         own = search.parametrization
         unknowns = data.problem.unknowns(own)
         if len(data.problem.measured) * (FOLDS - 1) <= unknowns * FOLDS:
@@ -293,23 +293,18 @@ class KindSearch:
         except FitError:
             return None
         residual, linear = search.fitted(theta, data.whole)
-        unit = own.unit_weights(theta, data.problem.grid)
-        cancellation = data.problem.cancellation(unit, linear[: own.gains])
         count = own.searched + own.gains + sum(int(delay > 0) for delay in delays)
         count -= len(data.problem.known)
-        responses = own.responses(theta, linear[: own.gains])
-        slowest = max(response.slowest() for response in responses) / self.duration
         return FittedKinds(
             kinds,
             delays,
             count,
             theta,
             residual,
-            cancellation,
-            slowest,
-            impossible(self.drives, self.output, responses),
+            search.soundness(theta, linear, self.drives, self.output, self.duration),
             search,
             data,
+            common,
         )
 
 

@@ -6,14 +6,14 @@ from collections.abc import Callable, Sequence
 
 import numpy as np
 
+from thermaltool.fitting.possible import MAX_SLOWEST
 from thermaltool.fitting.projection import MAX_CANCELLATION
 from thermaltool.fitting.response_search import FittedKinds
 
 # A kind whose terms cancel is no answer, unless nothing else comes within so many times its error.
 CANCELLING_LOSS = 2.0
-# A time constant of so many of the longest record is a trend, and its gain a guess; without it the
-# error may be so many times larger.
-MAX_SLOWEST, SLOW_LOSS = 2.0, 1.25
+# Without a lag that is a trend the error may be so many times larger.
+SLOW_LOSS = 1.25
 
 
 def criterion(found: FittedKinds, rows: float) -> float:
@@ -46,9 +46,11 @@ def sound_ones(found: Sequence[FittedKinds]) -> list[FittedKinds]:
     ----------
     found : sequence of FittedKinds
     """
-    steady = _unless_far(found, lambda each: each.cancellation <= MAX_CANCELLATION, CANCELLING_LOSS)
-    seen = _unless_far(steady, lambda each: each.slowest <= MAX_SLOWEST, SLOW_LOSS)
-    return _unless_far(seen, lambda each: not each.impossible, CANCELLING_LOSS)
+    steady = _unless_far(
+        found, lambda each: each.soundness.cancellation <= MAX_CANCELLATION, CANCELLING_LOSS
+    )
+    seen = _unless_far(steady, lambda each: each.soundness.slowest <= MAX_SLOWEST, SLOW_LOSS)
+    return _unless_far(seen, lambda each: not each.soundness.impossible, CANCELLING_LOSS)
 
 
 def _unless_far(
@@ -59,19 +61,3 @@ def _unless_far(
     least = min(each.size for each in found)
     near = kept and min(each.size for each in kept) <= loss**2 * least
     return kept if near else list(found)
-
-
-def unsound(each: FittedKinds) -> str:
-    """Why a candidate is no answer, however close it comes; empty where it is one.
-
-    Parameters
-    ----------
-    each : FittedKinds
-    """
-    if each.impossible:
-        return each.impossible
-    if each.cancellation > MAX_CANCELLATION:
-        return f"terms of {each.cancellation:.3g} times the output cancel"
-    if each.slowest > MAX_SLOWEST:
-        return f"a time constant of {each.slowest:.3g} times the record"
-    return ""

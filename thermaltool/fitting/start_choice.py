@@ -53,9 +53,9 @@ def begins_away_from_rest(
     for each in chosen:
         own = [zeroed[d] for d in each.drives]
         started = KindSearch(acting, own, each.output, True, fixed, {}, each.equilibrium)
-        free = started.fit(each.kinds, each.delays)
+        free = each.fitted(started)
         # Of the same rows: what decays at first is no outlier.
-        rest = started.from_rest().fit(each.kinds, each.delays)
+        rest = each.fitted(started.from_rest())
         if rest is None or free is None or not rest.size:
             continue
         noise = max(row_noise(r, each.output) for r in records) ** 2

@@ -10,7 +10,9 @@ from scipy.optimize import least_squares
 
 from thermaltool.errors import FitError
 from thermaltool.fitting.parametrization import SLOPE_STEP, Parametrization
+from thermaltool.fitting.possible import Soundness, impossible
 from thermaltool.fitting.projection import CalibrationProblem, Triangle
+from thermaltool.model import Drive
 from thermaltool.responses.modes import Float
 
 
@@ -161,3 +163,27 @@ class StartSearch:
         unit = self.parametrization.unit_weights(theta, self.problem.grid)
         linear = self.problem.project(unit, triangle)[1]
         return self.problem.residual(unit, linear), linear
+
+    def soundness(
+        self, theta: Float, linear: Float, drives: Sequence[Drive], output: str, duration: float
+    ) -> Soundness:
+        """Whether these rates and gains may be those of a machine.
+
+        Parameters
+        ----------
+        theta : ndarray, shape (searched,)
+        linear : ndarray
+            Gains, and what else there is.
+        drives : sequence of Drive
+        output : str
+        duration : float [s]
+            Of the longest record.
+        """
+        own = self.parametrization
+        gains = linear[: own.gains]
+        responses = own.responses(theta, gains)
+        return Soundness(
+            self.problem.cancellation(own.unit_weights(theta, self.problem.grid), gains),
+            max(response.slowest() for response in responses) / duration,
+            impossible(drives, output, responses),
+        )

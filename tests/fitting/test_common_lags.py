@@ -1,0 +1,76 @@
+"""Lags that all drives of an output share: those of the modes of one body."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+from scipy.linalg import expm
+
+from thermaltool.fitting.calibrate import CalibrationPlan, calibrate
+from thermaltool.fitting.parametrization import Parametrization
+from thermaltool.record import Record
+from thermaltool.report.calibration import calibration_table
+from thermaltool.responses import response_class
+from thermaltool.responses.relaxation import RelaxationGrid
+
+SPINDLE, FEED, ROOM = "Q_spindle_W", "Q_feed_W", "T_room_degC"
+OUTPUT = "dT_nut_K"
+
+
+def body(seed):
+    """Four lumps in a ring with films: rates A and inlets B of spindle, feed and surroundings."""
+    generator = np.random.default_rng(seed)
+    capacity = np.array([900.0, 6000.0, 25000.0, 2500.0]) * generator.uniform(0.7, 1.4, 4)
+    film = np.array([0.5, 2.0, 8.0, 1.0]) * generator.uniform(0.7, 1.4, 4)
+    links = np.zeros((4, 4))
+    for (a, b), link in {(0, 1): 6.0, (1, 2): 5.0, (2, 3): 4.0, (3, 0): 1.0}.items():
+        links[a, b] = links[b, a] = link * generator.uniform(0.7, 1.4)
+    A = (links - np.diag(links.sum(axis=1) + film)) / capacity[:, None]
+    heat = np.array([[0.9, 0.1, 0, 0], [0, 0, 0.3, 0.7], film]).T
+    return A, heat / capacity[:, None], generator
+
+
+def log(seed, rows=1500, dt=30.0):
+    A, B, generator = body(seed)
+    spindle = np.repeat(generator.choice([0.0, 60.0, 120.0], rows // 60 + 1), 60)[:rows]
+    feed = np.repeat(generator.choice([0.0, 40.0], rows // 25 + 1), 25)[:rows]
+    day = 2 * np.pi * np.arange(rows) * dt / 86400
+    room = 20 + 1.5 * np.sin(day) + np.cumsum(generator.normal(0, 0.01, rows))
+    room -= room[0] - 20
+    u = np.column_stack([spindle, feed, room - 20])
+    kept, x = expm(A * dt), np.zeros((rows, 4))
+    into = np.linalg.solve(A, kept - np.eye(4)) @ B
+    for k in range(1, rows):
+        x[k] = kept @ x[k - 1] + into @ u[k - 1]
+    steady = np.linalg.solve(-A, B)[3]
+    read = x[:, 3] + generator.normal(0, 0.02, rows)
+    columns = {SPINDLE: spindle, FEED: feed, ROOM: room, OUTPUT: read}
+    return Record(dt * np.arange(rows), columns), steady
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("seed", [1, 2, 3, 4])
+def test_drives_of_one_body_share_its_time_constants_and_their_gains_are_right(seed):
+    record, steady = log(seed)
+    drives = (SPINDLE, FEED, ROOM)
+    model = calibrate([record], CalibrationPlan(drives, (OUTPUT,), choose=True))
+    found = {term.drive: term.response for term in model.terms}
+    moved = np.array([120.0, 40.0, np.ptp(record.column(ROOM))])
+    gains = np.array([found[drive].dc_gain() for drive in drives])
+    # Within one and a half readings' noise of 0.02 K.
+    assert np.max(np.abs(gains - steady) * moved) < 0.03
+    lags = [[getattr(each, name) for name in each.searched] for each in found.values()]
+    assert lags[0] == lags[1] == lags[2]
+    assert ", common" in calibration_table(model)
+
+
+def test_a_shared_rate_moves_the_weights_of_every_drive():
+    cls, grid = response_class("rational2"), RelaxationGrid.between(1e-4, 1.0)
+    own = Parametrization((cls, cls), ({"delay": 0.0},) * 2, common=True)
+    assert own.names() == ["tau1", "tau2", "K1[0]", "K2[0]", "K1[1]", "K2[1]"]
+    theta, step = np.log([30.0, 400.0]), 1e-3
+    for k, slope in enumerate(own.unit_slopes(theta, grid)):
+        ends = [own.unit_weights(theta + side * step * np.eye(2)[k], grid) for side in (-1, 1)]
+        assert slope == pytest.approx((ends[1] - ends[0]) / (2 * step), abs=1e-4)
+    shared = np.concatenate(own.parts(theta))
+    assert own.apart.unit_weights(shared, grid) == pytest.approx(own.unit_weights(theta, grid))
