@@ -32,6 +32,9 @@ from thermaltool.status import NOT_POSSIBLE, PARTED, QUIET
 WALK_FACTOR = 10.0
 # Squares are averaged with weights that fall by e in this time [s]: half an hour counts.
 WINDOW = 900.0
+# A mean holds no fewer rows [1], however long they last: of a few, noise alone makes twice what is
+# expected, and a step of heat more than a walk expects.
+WINDOW_ROWS = 15
 # Mean of the normalized innovations squared, per sensor, above which they contradict: 1 is
 # expected, and transients that the model misses raised it to 1.5 within 5 h on the frame.
 MAX_NIS = 2.0
@@ -141,7 +144,8 @@ class InnovationTest:
         space = self._filter.state_space(dt)
         P, G = self._filter.steady(dt)
         S = space.H @ P @ space.H.T + space.R
-        return WhitenedSample.of(space.F, space.H, G, S), -math.expm1(-dt / WINDOW)
+        weight = min(-math.expm1(-dt / WINDOW), 1 / WINDOW_ROWS)
+        return WhitenedSample.of(space.F, space.H, G, S), weight
 
     def start(self, readings: Float, settled: bool = False) -> None:
         """Begin at the first readings: at rest, or settled at them.
