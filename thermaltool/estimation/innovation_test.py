@@ -11,6 +11,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
+from contextlib import suppress
 from dataclasses import dataclass, replace
 from functools import lru_cache
 from typing import Any
@@ -18,6 +19,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from thermaltool.errors import FitError
 from thermaltool.estimation.estimator import KalmanEstimator, SensorNoise
 from thermaltool.estimation.free_start import FreeStart
 from thermaltool.estimation.gain_test import GainTest, WhitenedSample
@@ -344,7 +346,7 @@ def record_alarm(
     readings : ndarray, shape (n, n_sensors)
         Rows with NaN are passed over.
     initial : {"rest", "settled", "free"}
-        The machine at the first row.
+        The machine at the first row; free of a response that does not decay: at rest.
     level : sequence of float, one for each drive
         Of a free start, as for `InnovationTest.start_free`.
     """
@@ -353,10 +355,10 @@ def record_alarm(
     rows = np.flatnonzero(np.isfinite(readings).all(axis=1))
     if len(rows) < 2:
         return Alarm(NOT_POSSIBLE, "no alarm is possible: no two rows have readings of all sensors")
+    test.start(readings[rows[0]], initial == "settled")
     if initial == "free":
-        test.start_free(readings[rows[0]], level)
-    else:
-        test.start(readings[rows[0]], initial == "settled")
+        with suppress(FitError):
+            test.start_free(readings[rows[0]], level)
     ticks = np.round(np.diff(time[rows]) / CLOCK_STEP).astype(np.int64).tolist()
     tested = 0
     for length, row in zip(ticks, rows[1:].tolist(), strict=True):
