@@ -11,6 +11,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
+from contextlib import suppress
 from dataclasses import dataclass, replace
 from functools import lru_cache
 from typing import Any
@@ -18,6 +19,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from thermaltool.errors import FitError
 from thermaltool.estimation.estimator import KalmanEstimator, SensorNoise
 from thermaltool.estimation.free_start import FreeStart
 from thermaltool.estimation.gain_test import GainTest, WhitenedSample
@@ -32,6 +34,9 @@ from thermaltool.status import NOT_POSSIBLE, PARTED, QUIET
 WALK_FACTOR = 10.0
 # Squares are averaged with weights that fall by e in this time [s]: half an hour counts.
 WINDOW = 900.0
+# A mean holds no fewer rows [1], however long they last: of a few, noise alone makes twice what is
+# expected, and a step of heat more than a walk expects.
+WINDOW_ROWS = 15
 # Mean of the normalized innovations squared, per sensor, above which they contradict: 1 is
 # expected, and transients that the model misses raised it to 1.5 within 5 h on the frame.
 MAX_NIS = 2.0
@@ -141,7 +146,8 @@ class InnovationTest:
         space = self._filter.state_space(dt)
         P, G = self._filter.steady(dt)
         S = space.H @ P @ space.H.T + space.R
-        return WhitenedSample.of(space.F, space.H, G, S), -math.expm1(-dt / WINDOW)
+        weight = min(-math.expm1(-dt / WINDOW), 1 / WINDOW_ROWS)
+        return WhitenedSample.of(space.F, space.H, G, S), weight
 
     def start(self, readings: Float, settled: bool = False) -> None:
         """Begin at the first readings: at rest, or settled at them.
@@ -340,7 +346,7 @@ def record_alarm(
     readings : ndarray, shape (n, n_sensors)
         Rows with NaN are passed over.
     initial : {"rest", "settled", "free"}
-        The machine at the first row.
+        The machine at the first row; free of a response that does not decay: at rest.
     level : sequence of float, one for each drive
         Of a free start, as for `InnovationTest.start_free`.
     """
@@ -349,10 +355,10 @@ def record_alarm(
     rows = np.flatnonzero(np.isfinite(readings).all(axis=1))
     if len(rows) < 2:
         return Alarm(NOT_POSSIBLE, "no alarm is possible: no two rows have readings of all sensors")
+    test.start(readings[rows[0]], initial == "settled")
     if initial == "free":
-        test.start_free(readings[rows[0]], level)
-    else:
-        test.start(readings[rows[0]], initial == "settled")
+        with suppress(FitError):
+            test.start_free(readings[rows[0]], level)
     ticks = np.round(np.diff(time[rows]) / CLOCK_STEP).astype(np.int64).tolist()
     tested = 0
     for length, row in zip(ticks, rows[1:].tolist(), strict=True):

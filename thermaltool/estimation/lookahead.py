@@ -205,7 +205,7 @@ def look(
         return Looked(estimates + behind, None, kalman, deconvolved=found)
     alarm, change, departure = None, None, None
     if len(time) > 1 and (how.bands or how.smooth):
-        alarm = _alarm(model, designed, time, readings, initial)
+        alarm = _alarm(model, designed, time, readings, begins)
         # From a start that is not the machine's own a change would only explain the start.
         if how.walk != "design" and begins == initial:
             change = _change(model, designed, time, readings, initial, alarm)
