@@ -303,8 +303,7 @@ def nothing_moves(hypothesis: Hypothesis) -> str | None:
     """
     visible = 0.0
     for output, groups in hypothesis.groups.items():
-        # The zero of each log is free. A steady state that lasts is a start that makes up for all
-        # that the drives do.
+        # The zero of each log is free, and a steady state is a start against which no drive moves.
         begun = zip(hypothesis.simulation.outputs, hypothesis.beginning(output), strict=True)
         moved = [
             y - np.mean(y[rows]) if len(rows) else y
