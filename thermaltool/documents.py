@@ -362,13 +362,15 @@ def atomic_output(target: str) -> Iterator[BinaryIO]:
 
 
 def check_folder(target: str) -> None:
-    """Refuse a target whose folder is missing or read-only, before any work is done for it.
+    """Refuse a folder, or a target whose folder is missing or read-only, before any work is done.
 
     Raises
     ------
     OutputError
     """
     path = os.path.realpath(target)
+    if target != "-" and os.path.isdir(path):
+        raise OutputError(f"{target}: {os.strerror(errno.EISDIR)}")
     if target == "-" or (os.path.exists(path) and not os.path.isfile(path)):
         return
     folder = os.path.dirname(path)

@@ -264,6 +264,46 @@ def test_what_the_engine_refuses_is_one_line(thermaltool, case):
     assert result.err.count("\n") == 1
 
 
+@pytest.mark.parametrize(
+    ("name", "arguments", "message"),
+    [
+        ("few", "LOG FEW", "FEW: 7 rows: too few to judge a model by"),
+        ("few", "LOG --validate FEW", "FEW: 7 rows: too few to judge a model by"),
+        ("undriven", "LOG UNDRIVEN", f"no column {DRIVE}"),
+        ("log", "LOG --limits switch=abc", "limits switch=abc: 'abc' is not a number"),
+    ],
+)
+def test_an_error_is_told_alone(thermaltool, case, answer, name, arguments, message):
+    """No remark on another log stands before what stops the command."""
+    beyond = csv(
+        measured(), **{DRIVE: 5 * measured().columns[DRIVE]}
+    )  # extrapolates, and that is told
+    case.log.write_text(beyond)
+    files = {"LOG": case.log, name.upper(): case.log if name == "log" else case.folder / name}
+    files[name.upper()].write_text(
+        {
+            "log": beyond,
+            "few": "".join(beyond.splitlines(keepends=True)[:8]),
+            "undriven": beyond.replace(DRIVE, "Q_other_1", 1),
+        }[name]
+    )
+    told = thermaltool("diagnose", case.model, case.log)
+    assert "the model extrapolates" in told.err
+    case.calls.clear()
+    found = thermaltool("diagnose", case.model, *(files.get(w, w) for w in arguments.split()))
+    assert (found.code, found.out, case.calls) == (1, "", [])
+    assert found.err.startswith("thermaltool diagnose: ")
+    assert found.err.count("\n") == 1
+    assert message.replace(name.upper(), str(files[name.upper()])) in found.err
+
+
+def test_a_folder_takes_no_model(thermaltool, case, answer):
+    """It is refused before any work is done."""
+    found = thermaltool("diagnose", case.model, case.log, "-o", case.folder)
+    assert (found.code, found.out, case.calls) == (1, "", [])
+    assert found.err == f"thermaltool diagnose: {case.folder}: Is a directory\n"
+
+
 def test_a_report_that_cannot_be_written(thermaltool, case, answer):
     target = case.folder / "absent" / "why.md"
     result = thermaltool("diagnose", case.model, case.log, "-q", "--report", target)

@@ -172,6 +172,44 @@ def test_a_log_in_which_nothing_moves_cannot_judge():
     assert driven["verdict"] == "adequate"
 
 
+def driven_frame(heat, noise=None, frozen=False):
+    """One mass by hand in Euler steps from its steady state at the first heat, by rows of 10 s."""
+    time, rise = 10.0 * np.arange(len(heat)), np.full(len(heat), 0.2 * heat[0])
+    for k, each in enumerate(heat[:-1]):
+        rise[k + 1] = rise[k] + (0.2 * each - rise[k]) * 10 / 400
+    read = np.full(len(time), 33.5) if frozen else 21 + rise
+    if noise is not None:
+        read = read + 0.03 * noise.standard_normal(len(time))
+    return pd.DataFrame({"time_s": time, "Q_motor_W": heat, "T_frame_degC": read})
+
+
+@pytest.fixture(scope="module")
+def one_mass():
+    time = np.arange(0.0, 6000.0, 10.0)
+    duty = np.where((time > 500) & (time < 3000), 100.0, 0.0)
+    log = driven_frame(duty, np.random.default_rng(7))
+    fit = tt.calibrate(log, ["Q_motor_W"], sensors=["T_frame_degC"], warn=lambda line: None)
+    return fit, duty
+
+
+def test_a_steady_state_cannot_judge(one_mass):
+    """A drive that acts all along moves nothing that its steady state has not."""
+    model, duty = one_mass
+    log = driven_frame(np.full(len(duty), 60.0), np.random.default_rng(8))
+    found = tt.diagnose(model, log, warn=lambda line: None).document()
+    assert found["verdict"] == "cannot judge"
+    assert "Q_motor_W" in found["undecided"][0]
+
+
+def test_a_sensor_that_never_moves_is_frozen(one_mass):
+    model, duty = one_mass
+    log = driven_frame(duty, frozen=True)
+    found = tt.diagnose(model, log, warn=lambda line: None).document()
+    assert [(c["name"], c["channel"]) for c in found["causes"]] == [
+        ("sensor_frozen", "T_frame_degC")
+    ]
+
+
 @pytest.mark.parametrize(
     ("share", "told"),
     [

@@ -132,6 +132,34 @@ def test_a_drive_in_another_unit_is_suspected(size, moved, unit):
     assert [each.unit for each in unit_suspects(heater, {"Q_a_W": 1.2 * rise})] == ["kW"]
 
 
+@pytest.mark.parametrize(
+    ("channel", "offset", "first", "moved", "unit"),
+    [
+        ("T_a_degC", 20.0, 293.0, 40.0, "K"),
+        ("T_a_degC", 20.0, 333.0, 60.0, "K"),  # warmer than the calibration, too
+        ("T_a_degC", 20.0, 20.0, 280.0, None),  # hot, and not from the first row on
+        ("T_a_degC", 20.0, 120.0, 40.0, None),
+        ("T_a_degC", 20.0, 293.0, 0.04, "K"),  # no thousandth of a temperature that has a zero
+        ("d_x_um", "first", 5.0, 0.035, "mm"),
+        ("d_x_um", "first", 5.0, 35.0, None),
+        ("d_x_um", "first", 5.0, 0.0, None),  # dead
+    ],
+)
+def test_an_output_in_another_unit_is_suspected(channel, offset, first, moved, unit):
+    machine = Model(
+        drives=(Drive("Q_a_W", "zero", 0.0, (0.0, 1500.0)),),
+        outputs=(Output(channel, "sensor", offset, (0.0, 40.0)),),
+        terms=(Term("Q_a_W", channel, Rational1(0.03, 900.0)),),
+        sample_period=10.0,
+    )
+    rise = np.linspace(0.0, 1.0, 50)
+    found = unit_suspects(machine, {"Q_a_W": 1200.0 * rise, channel: first + moved * rise})
+    assert [(each.channel, each.unit) for each in found] == ([(channel, unit)] if unit else [])
+    # A machine that rests moves as little by right.
+    at_rest = unit_suspects(machine, {"Q_a_W": 0 * rise, channel: first + moved * rise})
+    assert [each.unit for each in at_rest] == (["K"] if unit == "K" else [])
+
+
 def test_excursions():
     columns = {
         "Q_main_1": np.array([0, 1.05, 1.2, -0.2, np.nan]),

@@ -19,7 +19,7 @@ from thermaltool.api.inputs import (
 )
 from thermaltool.api.result import Notice, Result, notice, silent
 from thermaltool.documents import source_name, write_whole
-from thermaltool.errors import LogError, ModelError
+from thermaltool.errors import LogError, ModelError, counted
 from thermaltool.record import hint
 
 if TYPE_CHECKING:
@@ -243,6 +243,7 @@ def diagnose(
     >>> [cause.effect.name for cause in tt.diagnose(fit, frame(-1.0)).diagnosis.causes]
     ['geometry_step']
     """
+    from thermaltool.diagnosis.diagnose import MIN_ROWS
     from thermaltool.diagnosis.diagnose import diagnose as run
     from thermaltool.diagnosis.limits import limits_of
     from thermaltool.diagnosis.severity import tolerances_of
@@ -251,24 +252,33 @@ def diagnose(
     found = as_model(model)
     allowed = tolerances_of(_typed(tolerance), [output.channel for output in found.outputs])
 
+    # Told once all logs are found fit to judge by: an error is one line.
+    remarks: list[str] = []
+
     def judged(each: Data) -> Log:
         # Those of an output are found beside the model, left out and named: the cause `outliers`.
         outputs = [output.channel for output in found.outputs]
-        log = read(each, found.needs(), keep_spikes=outputs, warn=warn, **reading)
+        log = read(each, found.needs(), keep_spikes=outputs, warn=remarks.append, **reading)
         _check(log, found)
+        if len(log) < MIN_ROWS:
+            few = f"{counted(len(log), 'row')}: too few to judge a model by, {MIN_ROWS} at least"
+            raise LogError(few, log.name)
         for output in found.outputs:
             if output.channel not in log.columns:
                 near = hint(output.channel, log.columns)
-                warn(f"{log.name}: no column {output.channel}{near}: it is not judged there")
-        for message in range_messages(log, found):
-            warn(message)
-        warn_pauses(log, warn, drives_over_pauses(drive.hold for drive in found.drives))
+                remarks.append(
+                    f"{log.name}: no column {output.channel}{near}: it is not judged there"
+                )
+        remarks.extend(range_messages(log, found))
+        warn_pauses(log, remarks.append, drives_over_pauses(drive.hold for drive in found.drives))
         return log
 
     logs, unseen = (tuple(judged(each) for each in several) for several in (all_of(data), validate))
     _check_different([*logs, *unseen])
     calibration = _calibration_logs(found, [*logs, *unseen], reading)
     able = limits_of(limits, [name for log in logs for name in log.columns])
+    for remark in remarks:
+        warn(remark)
     sound = {log.digest: _without_spikes(log, found, reading)
              for log in (*logs, *unseen, *calibration)}  # fmt: skip
     diagnosis = run(found, logs, unseen, progress, calibration, able, sound)
@@ -332,7 +342,9 @@ def _check(log: Log, model: Model) -> None:
         raise LogError("no rows: nothing to judge the model by", log.name)
     for name in there:
         if np.isnan(log.columns[name]).all():
-            raise LogError("no values: leave the column out (--columns)", log.name, None, name)
+            fault = next((each.message for each in log.faults if each.channel == name), None)
+            why = "no values" if fault is None else f"no reading but faults: {fault}"
+            raise LogError(f"{why}; leave the column out (--columns)", log.name, None, name)
 
 
 def _check_different(logs: Sequence[Log]) -> None:

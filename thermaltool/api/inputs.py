@@ -182,7 +182,7 @@ def read_for_fit(
     log = read(data, need, outputs, warn=warn, **reading)
     part = log.between(*span)
     if len(part) < min_rows:
-        raise LogError(f"{counted(len(part), 'row')} say nothing of a {subject}", log.name)
+        raise LogError(f"{counted(len(part), 'row')}: too few to tell a {subject} by", log.name)
     warn_pauses(part, warn, drives_over_pauses(map(hold_of, need)) if pauses is None else pauses)
     for message in stuck_messages(part, (*need, *outputs)):
         warn(message)

@@ -15,6 +15,7 @@ from thermaltool.diagnosis.hypothesis import Hypothesis
 from thermaltool.diagnosis.lasting import MIN_TIMES_ALLOWED, Recurrence, may_recur, recurrences
 from thermaltool.diagnosis.noisy_states import noisy_states
 from thermaltool.diagnosis.result import Alternative, Cause, Diagnosis, curves_of, unconfirmed
+from thermaltool.diagnosis.search import HAS_CHANGED
 from thermaltool.diagnosis.severity import (
     Severity,
     severity_of,
@@ -24,6 +25,9 @@ from thermaltool.diagnosis.simulation import SimulatedLogs
 from thermaltool.diagnosis.starts import start_free
 from thermaltool.diagnosis.state import DiagnosisTask, SearchState
 from thermaltool.diagnosis.verdict import (
+    ADEQUATE_SHARE,
+    MIN_SHARE_LEFT,
+    ResidualBudget,
     nothing_moves,
     reading_noise,
     undecided,
@@ -70,11 +74,13 @@ def answer(task: DiagnosisTask, first: Hypothesis, search: SearchState) -> Diagn
     if worse is not None and written.spoiled is None:
         written = replace(written, spoiled=f"{worse[1]} in {worse[0].name or 'a log'}")
     reports, budgets = weigh_residuals(first, plain, noise)
-    # Where the model itself had more to say than any cause, that is what was left in the end.
     ended = last if effects else search.ended
+    # Without a cause the written model is the one that came in, and what is left is what it leaves.
     after, left = reports, budgets
-    if effects or ended.assumptions != first.assumptions:
-        after, left = weigh_residuals(ended, last.with_model(fitted) if effects else ended, noise)
+    if effects:
+        after, left = weigh_residuals(ended, last.with_model(fitted), noise)
+    elif HAS_CHANGED in search.notes:
+        search = _changed(task, search, budgets, noise)
     unknown = None
     if not search.undecided:
         unknown = unknown_cause(left, budgets, after, ended, bool(search.causes))
@@ -155,6 +161,38 @@ def answer(task: DiagnosisTask, first: Hypothesis, search: SearchState) -> Diagn
         tuple(log.digest for log in full.sound),
         rests is not None,
     )
+
+
+def _changed(
+    task: DiagnosisTask,
+    search: SearchState,
+    budgets: Mapping[str, ResidualBudget],
+    noise: Mapping[str, float],
+) -> SearchState:
+    """What the model's own parameters have become, where that is what is wrong; else no word of it.
+
+    A trouble of another kind bends them as well, and stays.
+    """
+    ended = search.ended
+    _, left = weigh_residuals(ended, ended, noise)
+    search = replace(search, notes=tuple(note for note in search.notes if note != HAS_CHANGED))
+    if any(
+        each.allowed < ADEQUATE_SHARE
+        and each.unexplained > MIN_SHARE_LEFT * budgets[output].unexplained
+        for output, each in left.items()
+    ):
+        return search.noted(
+            "other parameters of the model's own do not explain it: to calibrate again is no help"
+        )
+    end = np.array([0.0, max(log.duration for log in task.logs)])
+    moved: dict[str, tuple[float, str]] = {}
+    for old, new in zip(task.model.terms, ended.model.terms, strict=True):
+        before, after = (float(term.response.step(end)[-1]) for term in (old, new))
+        size = abs(before) / noise.get(old.output, np.inf)
+        if before and size > moved.get(old.drive, (0.0, ""))[0]:
+            moved[old.drive] = size, f"{old.drive} moves {old.output} {after / before:.3g} times"
+    told = ", ".join(sentence for _, sentence in moved.values())
+    return search.noted(f"{HAS_CHANGED} ({told} as far as it did)" if told else HAS_CHANGED)
 
 
 def _averaged(task: DiagnosisTask) -> Iterator[str]:

@@ -111,7 +111,10 @@ def limits_of(text: str, channels: Iterable[str]) -> ExperimentLimits:
 
 def _seconds(part: str, value: str) -> float:
     """A time above zero, with its unit: what a log counts in is no user's first thought."""
-    number, unit = parse_quantity(value)
+    try:
+        number, unit = parse_quantity(value)
+    except UnitError as error:
+        raise UnitError(f"limits {part}: {error}") from None
     if unit is None:
         key = part.partition("=")[0].strip()
         several = [f"{key}={number:g}{each}" for each in ("s", "min", "h")]

@@ -63,9 +63,12 @@ def noisy_states(hypothesis: Hypothesis) -> list[Cause]:
             continue
         state, best = max(known, key=lambda one: one[1].evidence)
         evidence = best.evidence - 2 * float(np.log(tests))
-        # Readings on a coarse lattice scatter where they move, and not at all where they rest.
-        steps = [reading_step(log, output) for log in _logs(hypothesis, output)]
-        if evidence < DECISIVE_EVIDENCE or best.loud < max(steps):
+        # Readings on a coarse lattice scatter where they move, and not at all where they rest; what
+        # is left of a frozen sensor is rounding.
+        logs = _logs(hypothesis, output)
+        steps = [reading_step(log, output) for log in logs]
+        rounding = [np.spacing(np.nanmax(np.abs(log.columns[output]))) for log in logs]
+        if evidence < DECISIVE_EVIDENCE or best.loud < max(*steps, *rounding):
             continue
         if best.loud > MIN_RATIO * best.quiet:
             effect = NoiseState(output, {"quiet": best.quiet, "loud": best.loud}, partner=state)

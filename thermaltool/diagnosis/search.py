@@ -40,6 +40,10 @@ MIN_FURTHER_ACCIDENT = 40.0
 MIN_MISFIT = 1.0
 # Without sound logs a search counts where it leaves at most this share of the power above noise.
 MAX_LEFT = 0.5
+HAS_CHANGED = (
+    "the model's own parameters have changed since the calibration, beyond its uncertainty: "
+    "calibrate again"
+)
 BEGINS_AS_A_WHOLE = (
     "a log does not begin at rest: the machine as a whole is warmer or colder than its "
     "surroundings, and follows them"
@@ -223,10 +227,7 @@ def _own_change(
                 "calibrate on a log as long"
             )
             return replace(search, ended=changed, undecided=why, exhausted=True), None
-        return search.noted(
-            "the model's own parameters have changed since the calibration, beyond its "
-            "uncertainty: calibrate again"
-        ), changed
+        return search.noted(HAS_CHANGED), changed
     if "uniform" in better:
         return search.noted(BEGINS_AS_A_WHOLE), changed
     # What a short calibration has not seen may pass for a start: it comes first.

@@ -163,7 +163,9 @@ def _too_large(hypothesis: Hypothesis, effect: Effect) -> bool:
 
     Two large changes that cancel are no cause, but what the logs do not tell apart.
     """
-    if not effect.parameters:  # two sensors that are swapped move what they differ by
+    # Nothing of it is fitted, so that nothing cancels: swapped sensors move by what they differ by,
+    # a frozen one by all that it should have shown.
+    if all(effect.parameter(name).fixed for name in effect.parameters):
         return False
     simulation = hypothesis.simulation
     bare = replace(simulation, model=without(simulation.model, effect))

@@ -20,6 +20,7 @@ from thermaltool.diagnosis.readings import hidden_noise
 from thermaltool.diagnosis.residual import ResidualReport
 from thermaltool.diagnosis.residual_parts import ResidualParts
 from thermaltool.diagnosis.result import Cause, Location, Verdict, reports_of
+from thermaltool.diagnosis.starts import decays_of
 from thermaltool.effects.effect import Float
 from thermaltool.effects.unknown import Unknown
 from thermaltool.fitting.averaging import known_noise
@@ -302,13 +303,18 @@ def nothing_moves(hypothesis: Hypothesis) -> str | None:
     """
     visible = 0.0
     for output, groups in hypothesis.groups.items():
-        # The zero of each log is free.
+        # The zero of each log is free, and a steady state is a start against which no drive moves.
+        begun = zip(hypothesis.simulation.outputs, hypothesis.beginning(output), strict=True)
         moved = [
-            y[output] - np.mean(y[output][rows]) if len(rows) else y[output]
-            for y, rows in zip(hypothesis.simulation.outputs, groups.rows, strict=True)
+            y - np.mean(y[rows]) if len(rows) else y
+            for y, rows in zip((y[output] + start for y, start in begun), groups.rows, strict=True)
         ]
-        visible += float(np.sum(np.square(groups.joined(moved) / hypothesis.white(output))))
-    # As the fall of BIC by a response, without its price.
+        joined = groups.joined(moved) / hypothesis.white(output)
+        visible += float(np.sum(np.square(joined)))
+        if "initial" in hypothesis.assumptions:
+            decays = decays_of(hypothesis.simulation, output)
+            visible -= len(decays) * float(np.log(max(len(joined), 1)))
+    # As the fall of BIC by a response, without its price; a start that is fitted has its own.
     if visible > DECISIVE_EVIDENCE:
         return None
     drives = ", ".join(drive.channel for drive in hypothesis.model.drives)

@@ -11,7 +11,7 @@ import numpy as np
 
 from thermaltool.model.rest import relative, rest_level, rest_shifts
 from thermaltool.responses.modes import Float
-from thermaltool.units import UNITS, parse_channel
+from thermaltool.units import ABSOLUTE_ZERO, UNITS, Reference, is_absolute, parse_channel
 
 if TYPE_CHECKING:
     from thermaltool.model.document import Model
@@ -31,13 +31,14 @@ class Excursion:
 
 @dataclass(frozen=True)
 class UnitSuspect:
-    """A drive that moves as in the calibration, were the log in another `unit` than its name says.
+    """A channel that is as in the calibration, were the log in another `unit` than its name says.
 
     Attributes
     ----------
     channel, unit : str
     logged, seen : float [unit of the name]
-        Largest size in the log and in the calibration, relative to rest.
+        Largest value in the log and in the calibration: of drives relative to rest, of
+        displacements how far they move.
     """
 
     channel: str
@@ -46,8 +47,9 @@ class UnitSuspect:
     seen: float
 
 
-# A drive whose size becomes that of the calibration, to this factor, in another unit, a thousand
-# times as large or as small, while some output moves by this share of its range, has that unit.
+# A channel whose size becomes that of the calibration, to this factor, in another unit, a thousand
+# times as large or as small, while some channel at the other end of the model moves by this share
+# of its range, has that unit.
 SAME_SIZE, UNIT_STEP, MIN_MOVED = 2.0, 1000.0, 0.1
 # Beyond the calibrated range by more than this part of its width, a model extrapolates.
 MARGIN = 0.1
@@ -101,38 +103,60 @@ def excursions(
 
 
 def unit_suspects(model: Model, columns: Mapping[str, Float]) -> tuple[UnitSuspect, ...]:
-    """Drives of a log that may be in another unit than their names say.
+    """Channels of a log that may be in another unit than their names say.
 
     Parameters
     ----------
     columns : mapping of channel to ndarray, shape (n,); channels that are absent are passed over
     """
-    outputs = [o for o in model.outputs if o.channel in columns]
-    moved = [np.nanmax(v) - np.nanmin(v) if np.isfinite(v).any() else 0.0
-             for v in (columns[o.channel] for o in outputs)]  # fmt: skip
-    moves = not outputs or any(
-        m > MIN_MOVED * (o.range[1] - o.range[0]) for m, o in zip(moved, outputs, strict=True)
+    there = {name: v[np.isfinite(v)] for name, v in columns.items()}
+    drives = [d for d in model.drives if len(there.get(d.channel, ()))]
+    outputs = [o for o in model.outputs if len(there.get(o.channel, ()))]
+    # What an output moves by tells of the drives, and the other way round.
+    drives_move, outputs_move = (
+        not each or any(np.ptp(there[c.channel]) > MIN_MOVED * np.ptp(c.range) for c in each)
+        for each in (drives, outputs)
     )
     found = []
-    for drive in model.drives if moves else ():
-        values = columns.get(drive.channel)
-        if values is None or not np.isfinite(values).any():
-            continue
-        logged = float(np.nanmax(np.abs(relative(values, drive.reference, drive.hold))))
-        seen = max(map(abs, drive.range))
-        own, factor = UNITS[parse_channel(drive.channel).unit]
-        suspects = (
-            unit
-            for unit, (dimension, other) in UNITS.items()
-            if dimension == own
-            and any(isclose(other / factor, step) for step in (UNIT_STEP, 1 / UNIT_STEP))
-            and 1 / SAME_SIZE < other / factor * logged / seen < SAME_SIZE
-        )
-        # One unit has several names.
-        unit = next(suspects, None) if logged and seen else None
-        if unit is not None:
-            found.append(UnitSuspect(drive.channel, unit, logged, seen))
-    return tuple(found)
+    for drive in drives:
+        if outputs_move:
+            values = relative(columns[drive.channel], drive.reference, drive.hold)
+            logged, seen = float(np.nanmax(np.abs(values))), max(map(abs, drive.range))
+            found.append(_thousandth(drive.channel, logged, seen))
+        found.append(_kelvins(drive.channel, there[drive.channel], drive.reference, drive.range))
+    for output in outputs:
+        if drives_move and not is_absolute(output.channel):
+            logged, seen = (float(np.ptp(each)) for each in (there[output.channel], output.range))
+            found.append(_thousandth(output.channel, logged, seen))
+        found.append(_kelvins(output.channel, there[output.channel], output.offset, output.range))
+    return tuple(each for each in found if each is not None)
+
+
+def _thousandth(channel: str, logged: float, seen: float) -> UnitSuspect | None:
+    """Whether values are a thousand times as large, or as small, as the calibration's."""
+    own, factor = UNITS[parse_channel(channel).unit]
+    suspects = (
+        unit
+        for unit, (dimension, other) in UNITS.items()
+        if dimension == own
+        and any(isclose(other / factor, step) for step in (UNIT_STEP, 1 / UNIT_STEP))
+        and 1 / SAME_SIZE < other / factor * logged / seen < SAME_SIZE
+    )
+    # One unit has several names.
+    unit = next(suspects, None) if logged and seen else None
+    return None if unit is None else UnitSuspect(channel, unit, logged, seen)
+
+
+def _kelvins(
+    channel: str, values: Float, rest: Reference, seen: tuple[float, float]
+) -> UnitSuspect | None:
+    """Whether a temperature counts from absolute zero: all of it nearer to the calibration then."""
+    if rest == "first" or not is_absolute(channel):
+        return None
+    low, high = (rest + end for end in seen)
+    lowest, highest = float(np.min(values)), float(np.max(values))
+    nearer = lowest - high > -ABSOLUTE_ZERO / 2 and lowest + ABSOLUTE_ZERO < high + (high - low)
+    return UnitSuspect(channel, "K", highest, high) if nearer else None
 
 
 def extrapolated(model: Model, estimates: Mapping[str, Float]) -> tuple[Excursion, ...]:
