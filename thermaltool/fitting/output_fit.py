@@ -221,7 +221,7 @@ def fit_output(
 
     def is_sound(theta: Float) -> bool:
         linear = search.fitted(theta, triangle)[1]
-        return not search.soundness(theta, linear, drives, output, duration).flaw
+        return not search.soundness(theta, linear, drives, output, duration).breaks
 
     def refined(theta: Float) -> Float:
         """Where the search goes on to, unless that is no machine any more."""

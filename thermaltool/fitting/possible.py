@@ -44,12 +44,19 @@ class Soundness:
     @property
     def flaw(self) -> str:
         """Why it is no answer; empty where it is one."""
+        if self.breaks:
+            return self.breaks
+        if self.slowest > MAX_SLOWEST:
+            return f"a time constant of {self.slowest:.3g} times the record"
+        return ""
+
+    @property
+    def breaks(self) -> str:
+        """Why it breaks on other inputs; empty where it need not. A trend may be what is there."""
         if self.impossible:
             return self.impossible
         if self.cancellation > MAX_CANCELLATION:
             return f"terms of {self.cancellation:.3g} times the output cancel"
-        if self.slowest > MAX_SLOWEST:
-            return f"a time constant of {self.slowest:.3g} times the record"
         return ""
 
 
