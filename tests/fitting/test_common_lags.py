@@ -7,6 +7,7 @@ import pytest
 from scipy.linalg import expm
 
 from thermaltool.fitting.calibrate import CalibrationPlan, calibrate
+from thermaltool.fitting.output_fit import fit_output
 from thermaltool.fitting.parametrization import Parametrization
 from thermaltool.record import Record
 from thermaltool.report.calibration import calibration_table
@@ -48,6 +49,11 @@ def log(seed, rows=1500, dt=30.0):
     return Record(dt * np.arange(rows), columns), steady
 
 
+def drives_of(*channels):
+    plan = CalibrationPlan(channels, (OUTPUT,))
+    return [plan.drive(channel) for channel in channels]
+
+
 @pytest.mark.slow
 @pytest.mark.parametrize("seed", [1, 2, 3, 4])
 def test_drives_of_one_body_share_its_time_constants_and_their_gains_are_right(seed):
@@ -74,3 +80,14 @@ def test_a_shared_rate_moves_the_weights_of_every_drive():
         assert slope == pytest.approx((ends[1] - ends[0]) / (2 * step), abs=1e-4)
     shared = np.concatenate(own.parts(theta))
     assert own.apart.unit_weights(shared, grid) == pytest.approx(own.unit_weights(theta, grid))
+
+
+def test_rates_that_are_shared_are_one_in_the_covariance():
+    record, _ = log(1, rows=800)
+    fit = fit_output([record], drives_of(SPINDLE, FEED), OUTPUT, ["rational2"] * 2, common=True)
+    assert fit.names[:4] == ("tau1[0]", "tau2[0]", "tau1[1]", "tau2[1]")
+    assert fit.covariance[:2, :2] == pytest.approx(fit.covariance[2:4, 2:4])
+    assert fit.covariance[:2, :2] == pytest.approx(fit.covariance[:2, 2:4])
+    first, second = (fit.response_covariance(k)[0] for k in (0, 1))
+    assert first[:2, :2] == pytest.approx(second[:2, :2])
+    assert len(fit.discrepancy.mean) == 8 + 2 * len(fit.time_constants)

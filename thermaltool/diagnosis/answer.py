@@ -174,6 +174,9 @@ def _changed(
     A trouble of another kind bends them as well, and stays.
     """
     ended = search.ended
+    if ended.model.effects != task.model.effects:
+        # Causes that were dropped since do not speak for the parameters.
+        ended = search.open().fitted()
     _, left = weigh_residuals(ended, ended, noise)
     search = replace(search, notes=tuple(note for note in search.notes if note != HAS_CHANGED))
     if any(

@@ -21,8 +21,10 @@ LEFT_OUT = "none"
 # What is said of the one that is taken.
 WHY_ALONE = "chosen: no other is as good"
 WHY_SIMPLEST = "chosen: the fewest parameters among those that are as good"
+WHY_FEWEST = "chosen: the fewest time constants among those that are as good"
 WHY_ALIKE = "chosen: as good, and another output needs it"
 MORE_PARAMETERS = "more parameters"
+MORE_TIME_CONSTANTS = "more time constants"
 
 
 @dataclass(frozen=True)
@@ -93,10 +95,24 @@ class KindCandidate:
         return f"{label}, common" if self.common else label
 
 
+def complexity(kinds: Sequence[str], theta: Float | None, parameters: int) -> tuple[int, int]:
+    """Time constants and shapes of several drives, then parameters: what is simpler comes first.
+
+    Parts of one body have its time constants, whatever moves it: few of them for all drives.
+
+    Parameters
+    ----------
+    kinds : sequence of str, one for each drive
+    theta : ndarray, shape (searched,), optional
+    parameters : int
+    """
+    return 0 if theta is None or len(kinds) < 2 else len(theta), parameters
+
+
 def is_as_good(
     found: Sequence[KindCandidate], others: Sequence[KindCandidate], noise: float
 ) -> bool:
-    """Whether what is chosen has no more parameters than what is chosen of others, nor more error.
+    """Whether what is chosen is no less simple than what is chosen of others, nor has more error.
 
     Parameters
     ----------
@@ -106,7 +122,8 @@ def is_as_good(
     """
     own, other = (next(each for each in tried if each.chosen) for tried in (found, others))
     excess = own.rmse**2 - other.rmse**2
-    return own.parameters <= other.parameters and excess <= (MIN_EXCESS * noise) ** 2
+    simple, usual = (complexity(each.kinds, each.theta, each.parameters) for each in (own, other))
+    return simple <= usual and excess <= (MIN_EXCESS * noise) ** 2
 
 
 def denies_equilibrium(

@@ -11,7 +11,7 @@ from thermaltool.fitting.kind_candidate import LEFT_OUT
 from thermaltool.fitting.response_search import FittedKinds, KindSearch
 from thermaltool.fitting.sound_kinds import best_of
 
-# Kinds that may have a delay.
+# Kinds whose delays are searched.
 DELAYED = ("rational1", "rational2", "rational3")
 # What is tried for one drive where there are several.
 KINDS_FOR_ONE = ("rational1", "rational2", "deflection")
@@ -65,40 +65,44 @@ def _left_out(task: KindSearch, best: FittedKinds, d: int) -> FittedKinds | None
     kinds = (*best.kinds[:d], *best.kinds[d + 1 :])
     rates = [best.rates(k) for k in range(len(best.kinds)) if k != d]
     fit = task.without(d).fit(kinds, (0.0,) * len(kinds), np.concatenate(rates))
-    if fit is None:
-        return None
-    return replace(fit, kinds=(*kinds[:d], LEFT_OUT, *kinds[d:]), delays=best.delays)
+    return None if fit is None else _beside_left_out(fit, best, [d])
 
 
-def common_lags(task: KindSearch, best: FittedKinds) -> list[FittedKinds]:
-    """Lags that all drives share, and those which act in the best, with its delays.
+def _beside_left_out(fit: FittedKinds, best: FittedKinds, without: Sequence[int]) -> FittedKinds:
+    """A fit to the other drives, with kinds and delays for all of them."""
+    own = iter(fit.kinds)
+    kinds = tuple(LEFT_OUT if d in without else next(own) for d in range(len(best.kinds)))
+    return replace(fit, kinds=kinds, delays=best.delays)
+
+
+def common_lags(task: KindSearch, found: Sequence[FittedKinds], rows: float) -> list[FittedKinds]:
+    """Lags that all drives share, and those that act in the best, with its delays and without.
 
     Parts of one body have its time constants, whatever moves it: those of its thermal modes.
 
     Parameters
     ----------
     task : KindSearch
-    best : FittedKinds
+    found : sequence of FittedKinds
+    rows : float
+        Independent ones.
     """
-    every = tuple(range(len(best.kinds)))
-    acting = tuple(d for d in every if best.kinds[d] != LEFT_OUT)
-    return [
-        each
-        for drives in dict.fromkeys((every, acting))
-        if len(drives) > 1
-        for kind in COMMON
-        for each in _shared(task, best, drives, kind)
-    ]
+    plain = [each for each in found if not any(each.delays)]
+    starts = {id(each): each for each in (best_of(found, rows), best_of(plain, rows))}
+    return [each for best in starts.values() for each in _shared(task, best)]
 
 
-def _shared(
-    task: KindSearch, best: FittedKinds, drives: tuple[int, ...], kind: str
-) -> list[FittedKinds]:
-    """One kind whose rates these drives share, the others left out; none where it cannot be."""
-    own = task.driven_by([task.drives[d] for d in drives])
-    delays = tuple(best.delays[d] for d in drives)
-    fit = own.fit((kind,) * len(drives), delays, common=True)
-    if fit is None:
-        return []
-    kinds = tuple(kind if d in drives else LEFT_OUT for d in range(len(best.kinds)))
-    return [replace(fit, kinds=kinds, delays=best.delays)]
+def _shared(task: KindSearch, best: FittedKinds) -> list[FittedKinds]:
+    """Every common kind of all drives, and of those that act in the best."""
+    idle = [d for d, kind in enumerate(best.kinds) if kind == LEFT_OUT]
+    fits: list[FittedKinds] = []
+    for without in [[], idle] if idle else [[]]:
+        acting = [d for d in range(len(best.kinds)) if d not in without]
+        if len(acting) < 2:
+            continue
+        own = task.driven_by([task.drives[d] for d in acting]) if without else task
+        delays = tuple(best.delays[d] for d in acting)
+        for kind in COMMON:
+            fit = own.fit((kind,) * len(acting), delays, common=True)
+            fits += [] if fit is None else [_beside_left_out(fit, best, without)]
+    return fits

@@ -13,6 +13,7 @@ from thermaltool.fitting.covariance import block_covariance
 from thermaltool.fitting.discrepancy import Discrepancy, discrepancy, spread
 from thermaltool.fitting.instants import Instants, fitted_instants
 from thermaltool.fitting.parametrization import Parametrization
+from thermaltool.fitting.possible import CANCELLING_LOSS
 from thermaltool.fitting.projection import (
     CalibrationProblem,
     GridStates,
@@ -54,7 +55,8 @@ class OutputFit:
     unidentified : tuple of str
         What these records do not settle, each a sentence.
     starts : tuple of float
-        RMSE that each refined start reached, the best first [unit of the output].
+        RMSE that each refined start reached, the best first, be it sound or not [unit of the
+        output].
     covered : float
         Slowest time constants that the longest record covers.
     discrepancy : Discrepancy
@@ -228,8 +230,11 @@ def fit_output(
         further = search.refine(theta, triangle)[1]
         return further if is_sound(further) or not is_sound(theta) else theta
 
-    places = [*(theta for _, theta in reached), *([] if near is None else [near])]
-    theta = next(filter(is_sound, places), places[0])
+    places = list(reached)
+    if near is not None:
+        places.append((float(np.linalg.norm(search.errors(near, triangle))), near))
+    within = [theta for size, theta in places if size <= CANCELLING_LOSS * reached[0][0]]
+    theta = next(filter(is_sound, within), reached[0][1])
     for _ in range(MAX_REWEIGHTINGS if loss == "huber" else 0):
         new = _huber_weights(search.fitted(theta, triangle)[0])
         if new is None or np.max(np.abs(new - weights)) < WEIGHT_TOLERANCE:

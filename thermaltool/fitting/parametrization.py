@@ -107,7 +107,7 @@ class Parametrization:
         return [np.log(start) for start in joint]
 
     def names(self) -> list[str]:
-        """Names of the searched parameters, then of the gains; with [k] for several drives."""
+        """Names of the searched parameters, then of the gains; with [k] for one of each drive."""
         return [
             f"{name}[{k}]" if len(own) > 1 else name
             for group, own in (("searched", self._own), ("gains", self.classes))

@@ -19,6 +19,8 @@ from thermaltool.units import is_absolute, is_overdamped
 MAX_REVERSAL = 0.05
 # Of so many of the slowest time constants a response is as good as settled; instants in between.
 SETTLED, INSTANTS = 8.0, 60
+# What breaks on other inputs is no answer, unless nothing else comes within so much of its error.
+CANCELLING_LOSS = 2.0
 # A time constant of so many of the longest record is a trend, and its gain a guess.
 MAX_SLOWEST = 2.0
 

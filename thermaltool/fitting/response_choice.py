@@ -3,7 +3,8 @@
 Every kind is fitted to the same records and asked twice. Evidence: the Bayesian information
 criterion, with as many rows as the colour of the residual leaves independent. Prediction: the error
 on blocks of rows that the fit has not seen, in turn. Of the kinds that no other one surpasses in
-either, the one with the fewest parameters is taken.
+either, the one with the fewest parameters is taken; of several drives, with the fewest time
+constants.
 """
 
 from __future__ import annotations
@@ -18,12 +19,15 @@ from thermaltool.fitting.candidate_data import BLOCKS, CandidateData
 from thermaltool.fitting.kind_candidate import (
     LEFT_OUT,
     MORE_PARAMETERS,
+    MORE_TIME_CONSTANTS,
     PLATE,
     ROD,
     SLAB,
     WHY_ALONE,
+    WHY_FEWEST,
     WHY_SIMPLEST,
     KindCandidate,
+    complexity,
     is_as_good,
 )
 from thermaltool.fitting.mixed_kinds import (
@@ -190,7 +194,7 @@ def _compared(
         progress("trying a kind for each drive")
         found += mixed_kinds(task, found, rows)
         progress("trying time constants that all drives share")
-        found += common_lags(task, best_of(found, rows))
+        found += common_lags(task, found, rows)
     judged = _Judgement(found, task.data(still), rows).candidates(usual)
     around = set(surroundings(drives, task.output)) if task.equilibrium else set()
     return tuple(
@@ -317,23 +321,22 @@ class _Judgement:
             The kind that is taken among equals.
         """
         sound = [k for k, note in enumerate(self.notes) if not note]
-        several = any(each.common for each in self.found)
+        sizes = [complexity(each.kinds, each.theta, each.parameters) for each in self.found]
         taken = min(
             sound,
             key=lambda k: (
-                # Parts of one body have its time constants, whatever moves it: few for all drives.
-                len(self.found[k].theta) if several else 0,
-                self.found[k].parameters,
+                sizes[k],
                 self.found[k].kinds[0] != usual,
                 self.data.rms(self.found[k].held_out),
             ),
         )
+        fewest = WHY_FEWEST if sizes[taken][0] else WHY_SIMPLEST
         nearest = min(sound_ones(self.found), key=lambda each: each.size)
         result = []
         for k, (each, note) in enumerate(zip(self.found, self.notes, strict=True)):
             near = not self.data.counts(each.residual, nearest.residual, AS_NEAR)
             if k == taken:
-                note = WHY_ALONE if len(sound) == 1 else WHY_SIMPLEST
+                note = WHY_ALONE if len(sound) == 1 else fewest
             result.append(
                 KindCandidate(
                     each.kinds,
@@ -343,7 +346,8 @@ class _Judgement:
                     self.data.rms(each.held_out) if "held_out" in each.__dict__ else None,
                     criterion(each, self.rows) - self.least,
                     each.soundness.cancellation,
-                    note or MORE_PARAMETERS,
+                    note
+                    or (MORE_TIME_CONSTANTS if sizes[k][0] > sizes[taken][0] else MORE_PARAMETERS),
                     k == taken,
                     weights=_all_weights(each) if near and not each.soundness.flaw else None,
                     theta=each.theta,

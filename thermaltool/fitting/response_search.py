@@ -50,7 +50,7 @@ class FittedKinds:
     search : StartSearch
     data : CandidateData
     common : bool
-        Whether all drives share their rates.
+        Whether all drives that act share their rates.
     """
 
     kinds: tuple[str, ...]

@@ -6,12 +6,10 @@ from collections.abc import Callable, Sequence
 
 import numpy as np
 
-from thermaltool.fitting.possible import MAX_SLOWEST
+from thermaltool.fitting.possible import CANCELLING_LOSS, MAX_SLOWEST
 from thermaltool.fitting.projection import MAX_CANCELLATION
 from thermaltool.fitting.response_search import FittedKinds
 
-# A kind whose terms cancel is no answer, unless nothing else comes within so many times its error.
-CANCELLING_LOSS = 2.0
 # Without a lag that is a trend the error may be so many times larger.
 SLOW_LOSS = 1.25
 

@@ -37,8 +37,8 @@ class UnitSuspect:
     ----------
     channel, unit : str
     logged, seen : float [unit of the name]
-        Largest value in the log and in the calibration: of drives relative to rest, of
-        displacements how far they move.
+        Size in the log and in the calibration: the largest value, of other drives than temperatures
+        relative to rest; of outputs that have no absolute level, how far they move.
     """
 
     channel: str
@@ -150,7 +150,7 @@ def _thousandth(channel: str, logged: float, seen: float) -> UnitSuspect | None:
 def _kelvins(
     channel: str, values: Float, rest: Reference, seen: tuple[float, float]
 ) -> UnitSuspect | None:
-    """Whether a temperature counts from absolute zero: all of it nearer to the calibration then."""
+    """Whether a temperature counts from absolute zero: its least is near the calibration then."""
     if rest == "first" or not is_absolute(channel):
         return None
     low, high = (rest + end for end in seen)

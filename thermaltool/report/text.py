@@ -85,7 +85,7 @@ def range_messages(
     for each in suspects:
         unit = printed(parse_channel(each.channel).unit)
         yield (
-            f"{log.name}: {each.channel}: up to {each.logged:.4g} {unit} here, up to "
+            f"{log.name}: {each.channel}: its size is {each.logged:.4g} {unit} here, "
             f"{each.seen:.4g} {unit} in the calibration: is this log in {printed(each.unit)}? A "
             f'column map turns it: {each.channel} = {{ name = "{each.channel}", unit = '
             f'"{each.unit}" }}'
