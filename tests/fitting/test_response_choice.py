@@ -11,6 +11,8 @@ from machines.heated_rod import HeatedRod
 
 from thermaltool.fitting.calibrate import CalibrationPlan, calibrate
 from thermaltool.fitting.kind_candidate import LEFT_OUT
+from thermaltool.fitting.output_fit import fit_output
+from thermaltool.fitting.start_search import StartSearch
 from thermaltool.model import agreements
 from thermaltool.record import Record
 from thermaltool.report.calibration import calibration_table, calibration_warnings
@@ -218,3 +220,22 @@ def test_a_room_that_hardly_moves_is_given_no_gain_that_no_machine_has(machine, 
     assert 0.5 < room.transfer(np.array([1e-9 + 0j]))[0].real < 1.5
     for log in logs[1:]:
         assert agreements(model, [log])[output].rmse < 0.15
+
+
+def test_the_final_fit_stays_where_its_terms_do_not_cancel(monkeypatch):
+    """A search that ends at two lags of one time constant, whose large gains cancel."""
+    u = switched(1)
+    log = record(u, lags(u, [0.05, 0.03], [100.0, 2000.0]), 0.02, 1)
+    compared, ended = np.log([100.0, 2000.0]), np.log([600.0, 600.1])
+
+    def refine(self, theta, triangle, most=None):
+        # As close as where the comparison ended.
+        return float(np.linalg.norm(self.errors(compared, triangle))), ended
+
+    monkeypatch.setattr(StartSearch, "refine", refine)
+    drives = [CalibrationPlan((HEAT,), (OUTPUT,)).drive(HEAT)]
+    fits = [
+        fit_output([log], drives, OUTPUT, ["rational2"], near=near) for near in (None, compared)
+    ]
+    assert "cancel" in " ".join(fits[0].unidentified)
+    assert [fits[1].responses[0].tau1, fits[1].responses[0].tau2] == pytest.approx([100, 2000])
