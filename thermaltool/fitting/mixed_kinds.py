@@ -30,9 +30,19 @@ def mixed_kinds(task: KindSearch, found: Sequence[FittedKinds], rows: float) -> 
     rows : float
         Independent ones.
     """
-    plain = [each for each in found if not any(each.delays)]
-    starts = {id(each): each for each in (best_of(found, rows), best_of(plain, rows))}
-    return [each for start in starts.values() for each in _replaced(task, start, plain, rows)]
+    plain = _without_delays(found)
+    starts = _starts(found, rows)
+    return [each for start in starts for each in _replaced(task, start, plain, rows)]
+
+
+def _without_delays(found: Sequence[FittedKinds]) -> list[FittedKinds]:
+    return [each for each in found if not any(each.delays)]
+
+
+def _starts(found: Sequence[FittedKinds], rows: float) -> list[FittedKinds]:
+    """The best, and the best without a delay, where that is another."""
+    best, plain = best_of(found, rows), best_of(_without_delays(found), rows)
+    return [best] if plain is best else [best, plain]
 
 
 def _replaced(
@@ -87,9 +97,7 @@ def common_lags(task: KindSearch, found: Sequence[FittedKinds], rows: float) -> 
     rows : float
         Independent ones.
     """
-    plain = [each for each in found if not any(each.delays)]
-    starts = {id(each): each for each in (best_of(found, rows), best_of(plain, rows))}
-    return [each for best in starts.values() for each in _shared(task, best)]
+    return [each for best in _starts(found, rows) for each in _shared(task, best)]
 
 
 def _shared(task: KindSearch, best: FittedKinds) -> list[FittedKinds]:
