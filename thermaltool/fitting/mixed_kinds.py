@@ -9,7 +9,7 @@ import numpy as np
 
 from thermaltool.fitting.kind_candidate import LEFT_OUT
 from thermaltool.fitting.response_search import FittedKinds, KindSearch
-from thermaltool.fitting.sound_kinds import best_of
+from thermaltool.fitting.sound_kinds import best_of, without_delays
 
 # Kinds whose delays are searched.
 DELAYED = ("rational1", "rational2", "rational3")
@@ -30,18 +30,14 @@ def mixed_kinds(task: KindSearch, found: Sequence[FittedKinds], rows: float) -> 
     rows : float
         Independent ones.
     """
-    plain = _without_delays(found)
+    plain = without_delays(found)
     starts = _starts(found, rows)
     return [each for start in starts for each in _replaced(task, start, plain, rows)]
 
 
-def _without_delays(found: Sequence[FittedKinds]) -> list[FittedKinds]:
-    return [each for each in found if not any(each.delays)]
-
-
 def _starts(found: Sequence[FittedKinds], rows: float) -> list[FittedKinds]:
     """The best, and the best without a delay, where that is another."""
-    best, plain = best_of(found, rows), best_of(_without_delays(found), rows)
+    best, plain = best_of(found, rows), best_of(without_delays(found), rows)
     return [best] if plain is best else [best, plain]
 
 

@@ -39,7 +39,7 @@ from thermaltool.fitting.mixed_kinds import (
 from thermaltool.fitting.output_fit import check_records
 from thermaltool.fitting.projection import GridStates, surroundings
 from thermaltool.fitting.response_search import FEW_STARTS, FittedKinds, KindSearch
-from thermaltool.fitting.sound_kinds import best_of, criterion, sound_ones
+from thermaltool.fitting.sound_kinds import best_of, criterion, sound_ones, without_delays
 from thermaltool.model import Drive
 from thermaltool.record import Record
 from thermaltool.responses.modes import Float
@@ -279,8 +279,7 @@ class _Judgement:
         self.data, self.rows = data, rows
         # A delay is a cause of its own: it has to say more than any kind without one that is as
         # sound.
-        plain = [each for each in found if not any(each.delays)]
-        alike = [each for each in sound_ones(found) if not any(each.delays)]
+        plain, alike = without_delays(found), without_delays(sound_ones(found))
         least = min((criterion(each, rows) for each in alike), default=np.inf)
         delayed = least - criterion(best_of(found, rows), rows) > DECISIVE
         self.found = list(found) if delayed else plain

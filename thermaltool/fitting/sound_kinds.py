@@ -37,6 +37,16 @@ def best_of(found: Sequence[FittedKinds], rows: float) -> FittedKinds:
     return min(sound_ones(found), key=lambda each: criterion(each, rows))
 
 
+def without_delays(found: Sequence[FittedKinds]) -> list[FittedKinds]:
+    """Those in which no drive is delayed.
+
+    Parameters
+    ----------
+    found : sequence of FittedKinds
+    """
+    return [each for each in found if not any(each.delays)]
+
+
 def sound_ones(found: Sequence[FittedKinds]) -> list[FittedKinds]:
     """Those that may be an answer: possible ones, of lags that show, whose terms do not cancel.
 
