@@ -18,7 +18,8 @@ import time as clock
 import numpy as np
 from scipy.signal import lfilter
 
-from thermaltool.fitting.calibrate import CalibrationPlan, calibrate
+from thermaltool.fitting.calibrate import calibrate
+from thermaltool.fitting.calibration_plan import CalibrationPlan
 from thermaltool.model import characteristics
 from thermaltool.record import Record
 

@@ -20,7 +20,8 @@ from thermaltool.diagnosis.result import Diagnosis
 from thermaltool.diagnosis.select import fit_candidate, scan
 from thermaltool.diagnosis.state import WITHIN_CALIBRATION
 from thermaltool.effects.effect import Effect, reference_of
-from thermaltool.fitting.calibrate import CalibrationPlan, calibrate
+from thermaltool.fitting.calibrate import calibrate
+from thermaltool.fitting.calibration_plan import CalibrationPlan
 from thermaltool.model import Model, relative
 from thermaltool.record import Record
 from thermaltool.units import is_displacement

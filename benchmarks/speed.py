@@ -26,7 +26,8 @@ from stream import figures as stream_figures
 from thermaltool.diagnosis.diagnose import diagnose
 from thermaltool.estimation.estimator import load_estimator
 from thermaltool.estimation.kernel import Kernel, Regularization, invert_modes, kernel_table
-from thermaltool.fitting.calibrate import CalibrationPlan, calibrate
+from thermaltool.fitting.calibrate import calibrate
+from thermaltool.fitting.calibration_plan import CalibrationPlan
 from thermaltool.logs import write_table
 from thermaltool.model import dumps, loads
 from thermaltool.record import Record

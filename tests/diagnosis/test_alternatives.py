@@ -23,7 +23,8 @@ from thermaltool.diagnosis.limits import UNLIMITED
 from thermaltool.diagnosis.select import fit_candidate
 from thermaltool.diagnosis.state import RELEASED, WITHIN_CALIBRATION
 from thermaltool.effects import effect_class
-from thermaltool.fitting.calibrate import CalibrationPlan, calibrate
+from thermaltool.fitting.calibrate import calibrate
+from thermaltool.fitting.calibration_plan import CalibrationPlan
 from thermaltool.logs import read_log
 from thermaltool.model import Drive, Model, Output, Term
 from thermaltool.record import Record

@@ -9,7 +9,8 @@ from machines.hidden import hide
 from thermaltool.diagnosis.correction import corrected
 from thermaltool.diagnosis.hypothesis import Hypothesis
 from thermaltool.diagnosis.state import WITHIN_CALIBRATION
-from thermaltool.fitting.calibrate import CalibrationPlan, calibrate
+from thermaltool.fitting.calibrate import calibrate
+from thermaltool.fitting.calibration_plan import CalibrationPlan
 from thermaltool.record import Record
 
 HEAT = "Q_main_1"

@@ -10,7 +10,8 @@ from reference.measured import MAPS, whole_log
 
 from thermaltool.diagnosis.diagnose import diagnose
 from thermaltool.errors import FitError, ModelError
-from thermaltool.fitting.calibrate import CalibrationPlan, calibrate
+from thermaltool.fitting.calibrate import calibrate
+from thermaltool.fitting.calibration_plan import CalibrationPlan
 from thermaltool.logs import read_log
 from thermaltool.model import Model, dumps, loads
 from thermaltool.record import Record

@@ -16,7 +16,8 @@ from thermaltool.diagnosis.simulation import SimulatedLogs
 from thermaltool.diagnosis.state import RELEASED, WITHIN_CALIBRATION
 from thermaltool.diagnosis.validate import judge
 from thermaltool.effects import effect_class
-from thermaltool.fitting.calibrate import CalibrationPlan, calibrate
+from thermaltool.fitting.calibrate import calibrate
+from thermaltool.fitting.calibration_plan import CalibrationPlan
 from thermaltool.model import Drive, Model, Output, Term
 from thermaltool.record import Record
 from thermaltool.responses.deflection import Deflection

@@ -12,7 +12,8 @@ from thermaltool.diagnosis.diagnose import diagnose
 from thermaltool.diagnosis.long_logs import averaged_logs
 from thermaltool.diagnosis.state import DiagnosisTask
 from thermaltool.fitting import averaging
-from thermaltool.fitting.calibrate import CalibrationPlan, calibrate
+from thermaltool.fitting.calibrate import calibrate
+from thermaltool.fitting.calibration_plan import CalibrationPlan
 from thermaltool.model import Model, agreements
 from thermaltool.record import Record
 from thermaltool.signals.row_groups import RowGroups

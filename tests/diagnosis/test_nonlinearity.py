@@ -14,7 +14,8 @@ from thermaltool.diagnosis.nonlinearity import (
     stands_for_another,
 )
 from thermaltool.effects import effect_class
-from thermaltool.fitting.calibrate import CalibrationPlan, calibrate
+from thermaltool.fitting.calibrate import calibrate
+from thermaltool.fitting.calibration_plan import CalibrationPlan
 from thermaltool.model import Drive, Model, Output, Term
 from thermaltool.record import Record
 from thermaltool.responses.rational import rational_kind

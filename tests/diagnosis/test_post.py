@@ -25,7 +25,8 @@ from machines.post import (
 )
 
 from thermaltool.diagnosis.diagnose import diagnose
-from thermaltool.fitting.calibrate import CalibrationPlan, calibrate
+from thermaltool.fitting.calibrate import calibrate
+from thermaltool.fitting.calibration_plan import CalibrationPlan
 from thermaltool.record import Record
 
 SEED = 20261122

@@ -23,7 +23,8 @@ from machines.post import (
 
 from thermaltool.diagnosis.diagnose import diagnose
 from thermaltool.effects import effect_class
-from thermaltool.fitting.calibrate import CalibrationPlan, calibrate
+from thermaltool.fitting.calibrate import calibrate
+from thermaltool.fitting.calibration_plan import CalibrationPlan
 from thermaltool.model import relative
 from thermaltool.record import Record
 

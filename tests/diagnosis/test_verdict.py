@@ -9,7 +9,8 @@ import pytest
 import thermaltool as tt
 from thermaltool.diagnosis.diagnose import diagnose
 from thermaltool.diagnosis.verdict import ResidualBudget, misfit_of, verdict_of
-from thermaltool.fitting.calibrate import CalibrationPlan, calibrate
+from thermaltool.fitting.calibrate import calibrate
+from thermaltool.fitting.calibration_plan import CalibrationPlan
 from thermaltool.model import Model, Output
 from thermaltool.record import Record
 

@@ -12,7 +12,8 @@ import pytest
 
 import thermaltool.effects as effects
 from thermaltool.diagnosis.diagnose import diagnose
-from thermaltool.fitting.calibrate import CalibrationPlan, calibrate
+from thermaltool.fitting.calibrate import calibrate
+from thermaltool.fitting.calibration_plan import CalibrationPlan
 from thermaltool.record import Record
 
 PAGE = Path(__file__).parents[2] / "docs/development/causes.md"

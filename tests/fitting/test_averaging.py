@@ -11,7 +11,8 @@ import pytest
 import thermaltool as tt
 from thermaltool.fitting import averaging
 from thermaltool.fitting.averaging import average, averaged_rows
-from thermaltool.fitting.calibrate import CalibrationPlan, calibrate
+from thermaltool.fitting.calibrate import calibrate
+from thermaltool.fitting.calibration_plan import CalibrationPlan
 from thermaltool.model import Drive, dumps
 from thermaltool.record import Record
 from thermaltool.signals.resolution import reading_sigma

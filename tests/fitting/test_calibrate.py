@@ -12,7 +12,8 @@ from reference.two_poles import TwoPoles
 from scipy.integrate import solve_ivp
 
 from thermaltool.errors import FitError
-from thermaltool.fitting.calibrate import CalibrationPlan, calibrate
+from thermaltool.fitting.calibrate import calibrate
+from thermaltool.fitting.calibration_plan import CalibrationPlan
 from thermaltool.fitting.covariance import block_covariance
 from thermaltool.fitting.output_fit import fit_output
 from thermaltool.fitting.parametrization import Parametrization

@@ -8,7 +8,8 @@ import numpy as np
 import pytest
 from machines.shop import BASE, HEAD, HEAT, ROOM, shop_columns
 
-from thermaltool.fitting.calibrate import CalibrationPlan, calibrate
+from thermaltool.fitting.calibrate import calibrate
+from thermaltool.fitting.calibration_plan import CalibrationPlan
 from thermaltool.fitting.covariance import block_covariance
 from thermaltool.fitting.possible import impossible, reversal
 from thermaltool.model import Drive

@@ -11,7 +11,8 @@ from thermaltool.diagnosis.diagnose import diagnose
 from thermaltool.effects.drive_nonlinearity import DriveNonlinearity
 from thermaltool.effects.heat_capacity import HeatCapacity
 from thermaltool.effects.sensor_conversion import SensorConversion
-from thermaltool.fitting.calibrate import CalibrationPlan, calibrate
+from thermaltool.fitting.calibrate import calibrate
+from thermaltool.fitting.calibration_plan import CalibrationPlan
 from thermaltool.fitting.laws import Law, acting_records
 from thermaltool.record import Record
 from thermaltool.report.calibration import calibration_warnings

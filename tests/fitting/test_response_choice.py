@@ -9,7 +9,8 @@ import pytest
 from machines.cooled_chain import CooledChain
 from machines.heated_rod import HeatedRod
 
-from thermaltool.fitting.calibrate import CalibrationPlan, calibrate
+from thermaltool.fitting.calibrate import calibrate
+from thermaltool.fitting.calibration_plan import CalibrationPlan
 from thermaltool.fitting.kind_candidate import LEFT_OUT
 from thermaltool.fitting.output_fit import fit_output
 from thermaltool.fitting.start_search import StartSearch

@@ -7,7 +7,8 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from thermaltool.fitting.calibrate import CalibrationPlan, as_simulated, calibrate
+from thermaltool.fitting.calibrate import as_simulated, calibrate
+from thermaltool.fitting.calibration_plan import CalibrationPlan
 from thermaltool.fitting.start_choice import free_where_known, rests
 from thermaltool.model import Drive, agreements
 from thermaltool.record import Record

@@ -8,7 +8,8 @@ import numpy as np
 import pytest
 from machines.lumped import Chain
 
-from thermaltool.fitting.calibrate import CalibrationPlan, calibrate
+from thermaltool.fitting.calibrate import calibrate
+from thermaltool.fitting.calibration_plan import CalibrationPlan
 from thermaltool.model import agreements, dumps, loads
 from thermaltool.record import Record
 from thermaltool.report.calibration import calibration_table

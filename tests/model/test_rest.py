@@ -9,7 +9,8 @@ import pandas as pd
 import pytest
 
 import thermaltool as tt
-from thermaltool.fitting.calibrate import CalibrationPlan, calibrate
+from thermaltool.fitting.calibrate import calibrate
+from thermaltool.fitting.calibration_plan import CalibrationPlan
 from thermaltool.model import (
     Drive,
     Model,

@@ -14,7 +14,7 @@ if TYPE_CHECKING:
     import pandas
     from matplotlib.figure import Figure
 
-    from thermaltool.fitting.calibrate import CalibrationPlan
+    from thermaltool.fitting.calibration_plan import CalibrationPlan
     from thermaltool.fitting.components.reduction import Reduction
     from thermaltool.logs import Log
     from thermaltool.logs.reader import Data
@@ -184,8 +184,8 @@ def calibrate(
     0.2
     """
     from thermaltool.fitting.averaging import averaged_rows
-    from thermaltool.fitting.calibrate import CalibrationPlan
     from thermaltool.fitting.calibrate import calibrate as fit
+    from thermaltool.fitting.calibration_plan import CalibrationPlan
 
     drives, sensors, deflections = names(drives), names(sensors), names(deflections)
     contacts = names(joint)

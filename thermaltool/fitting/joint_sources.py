@@ -14,7 +14,8 @@ import numpy as np
 
 from thermaltool.effects.joint_contact import JointContact
 from thermaltool.errors import FitError, ModelError
-from thermaltool.fitting.calibrate import CalibrationPlan, as_simulated, calibrate, extent
+from thermaltool.fitting.calibrate import as_simulated, calibrate, extent
+from thermaltool.fitting.calibration_plan import CalibrationPlan
 from thermaltool.fitting.joint_levels import reference_logs
 from thermaltool.fitting.joint_search import JointSearch
 from thermaltool.fitting.response_choice import DECISIVE

@@ -5,7 +5,8 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import replace
 
-from thermaltool.fitting.calibrate import CalibrationPlan, as_simulated
+from thermaltool.fitting.calibrate import as_simulated
+from thermaltool.fitting.calibration_plan import CalibrationPlan
 from thermaltool.fitting.components.plan import ComponentPlan
 from thermaltool.fitting.components.reduction import Reduction
 from thermaltool.fitting.document import model_document
