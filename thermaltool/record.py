@@ -171,6 +171,30 @@ class Record:
             at_rest=self.at_rest and first,
         )
 
+    def with_rows(self, time: Array, columns: Mapping[str, Array]) -> Self:
+        """The record with rows between its own, in segments that go on until the next begins.
+
+        Parameters
+        ----------
+        time : ndarray, shape (m,) [s]
+            Increasing; after the first row.
+        columns : mapping of str to ndarray, shape (m,)
+            The other channels are missing there.
+        """
+        at = np.searchsorted(self.time, time, side="right")
+        moved = [at.searchsorted(s.start, side="right") + s.start for s in self.segments]
+        stops = [*moved[1:], len(self) + len(time)]
+        nothing = np.full(len(time), np.nan)
+        return replace(
+            self,
+            time=np.insert(self.time, at, time),
+            columns={
+                name: np.insert(values, at, columns.get(name, nothing))
+                for name, values in self.columns.items()
+            },
+            segments=tuple(slice(int(a), int(b)) for a, b in zip(moved, stops, strict=True)),
+        )
+
     def between(self, start: float | None, stop: float | None) -> Self:
         """The rows from `start` up to and including `stop` [s]; open where None.
 

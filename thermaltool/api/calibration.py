@@ -7,6 +7,7 @@ from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any, Literal, Unpack
 
 from thermaltool.api.inputs import Reading, all_of, read_for_fit, reads
+from thermaltool.api.pauses import placed_in_pauses
 from thermaltool.api.result import Notice, Result, notice, silent
 from thermaltool.units import names
 
@@ -215,6 +216,7 @@ def calibrate(
             warn(f"{log.name}: the same log again counts twice: the intervals are too narrow")
     if reduction is not None:
         return _reduced(logs, plan, reduction, warn)
+    logs = [placed_in_pauses(log, drives, outputs, warn) for log in logs]
     for log, rows in zip(logs, averaged_rows(logs), strict=True):
         if rows > 1:
             count = f"{len(log):,}".replace(",", " ")

@@ -7,6 +7,7 @@ from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING, Any, Literal, Unpack
 
 from thermaltool.api.inputs import Reading, as_model, drives_over_pauses, read, reads, warn_pauses
+from thermaltool.api.pauses import placed_in_pauses
 from thermaltool.api.result import Notice, Result, notice, to_frame
 
 if TYPE_CHECKING:
@@ -179,6 +180,8 @@ def simulate(
     absent = [o.channel for o in model.outputs if o.channel not in log.columns]
     if 0 < len(absent) < len(model.outputs):
         warn(f"{log.name}: not in the log, so simulated and not judged: {', '.join(absent)}")
+    as_read, outputs = log, [output.channel for output in model.outputs]
+    log = placed_in_pauses(log, [drive.channel for drive in model.drives], outputs, warn)
     drives = Record(log.time, {name: log.column(name) for name in need}, digest=log.digest)
     simulated = model.simulate(drives)
     columns: dict[str, Any] = {"time_s": log.time}
@@ -208,4 +211,6 @@ def simulate(
             measured = log.columns[name] - each.zero.value
             at_rest[name] = agreement(measured[judged], each.computed[judged])
     initials = {name: each.initial for name, each in started.items()}
-    return Simulation(model, log, columns, agreements, zeros, initials, at_rest)
+    rows = np.isin(log.time, as_read.time)
+    columns = {name: values[rows] for name, values in columns.items()}
+    return Simulation(model, as_read, columns, agreements, zeros, initials, at_rest)

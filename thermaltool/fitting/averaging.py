@@ -130,7 +130,10 @@ def averaged_rows(records: Sequence[Record], most: int | None = None) -> list[in
 
 
 def average(
-    records: Sequence[Record], drives: Sequence[Drive], outputs: Sequence[str]
+    records: Sequence[Record],
+    drives: Sequence[Drive],
+    outputs: Sequence[str],
+    most: int | None = None,
 ) -> tuple[list[Averages], list[Drive]]:
     """Records of averages, and their drives, which count from zero along straight lines.
 
@@ -143,6 +146,8 @@ def average(
         With the drives, without NaN, and the outputs, NaN where missing.
     drives : sequence of Drive
     outputs : sequence of str
+    most : int, optional
+        See `averaged_rows`.
 
     Returns
     -------
@@ -151,7 +156,7 @@ def average(
     """
     averages = [
         averages_of(record, rows, drives, outputs)
-        for record, rows in zip(records, averaged_rows(records), strict=True)
+        for record, rows in zip(records, averaged_rows(records, most), strict=True)
     ]
     return averages, [replace(drive, hold="first", reference=0.0) for drive in drives]
 

@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 
 from thermaltool.errors import LogError
 from thermaltool.logs.faults import Fault
-from thermaltool.record import Record, Rows
+from thermaltool.record import Array, Record, Rows
 
 
 @dataclass(frozen=True, repr=False)
@@ -52,3 +52,9 @@ class Log(Record):
 
     def _cut(self, rows: slice | Rows, segments: Sequence[slice], first: bool) -> Self:
         return replace(super()._cut(rows, segments, first), lines=self.lines[rows])
+
+    def with_rows(self, time: Array, columns: Mapping[str, Array]) -> Self:
+        """See `Record.with_rows`; a row that is between others stands where the one before does."""
+        at = np.searchsorted(self.time, time, side="right")
+        lines = np.insert(self.lines, at, self.lines[at - 1])
+        return replace(super().with_rows(time, columns), lines=lines)

@@ -20,6 +20,7 @@ if TYPE_CHECKING:
     from thermaltool.estimation.heat_steps import HeatSteps
     from thermaltool.estimation.innovation_test import Alarm
     from thermaltool.estimation.model_departure import ModelDeparture
+    from thermaltool.fitting.pauses import PauseSwitch
     from thermaltool.logs import Log
     from thermaltool.model import Excursion, Model, Zero
 
@@ -269,6 +270,22 @@ def pause_messages(log: Log, meaning: str) -> Iterator[str]:
     for part in log.segments[1:]:
         pause = log.time[part.start] - log.time[part.start - 1]
         yield row_message(log, part.start, f"a pause of {pause:g} s; {meaning}")
+
+
+def pause_switch_message(log: Log, switch: PauseSwitch) -> str:
+    """When a command changes during a pause.
+
+    Parameters
+    ----------
+    log : Log
+    switch : PauseSwitch
+    """
+    since, unit = switch.time - switch.begins, printed(parse_channel(switch.drive).unit)
+    what = f"{switch.drive} changes by {switch.step:.4g} {unit} in this pause"
+    return row_message(
+        log, int(log.time.searchsorted(switch.ends)),
+        f"{what}: the outputs tell that it does so {since:.3g} s into it, and it is taken so",
+    )  # fmt: skip
 
 
 def start_message(log: Log, rmse: Mapping[str, float]) -> str:

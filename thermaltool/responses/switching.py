@@ -45,6 +45,26 @@ def switches(level: Float, steps: Float, most: int, max_share: float) -> list[in
     return sorted(largest[whole].tolist())
 
 
+def pauses_with_switch(level: Float, steps: Float) -> list[int]:
+    """Rows before the pauses in which a drive switches, in order.
+
+    A pause is long beside the usual step and beside those around it: a logarithmic clock has none.
+
+    Parameters
+    ----------
+    level : ndarray, shape (n,)
+    steps : ndarray, shape (n - 1,) [s]
+        From row to row.
+    """
+    if len(steps) < 2:
+        return []
+    around = np.minimum(np.append(np.inf, steps[:-1]), np.append(steps[1:], np.inf))
+    pauses = steps > MAX_APART * np.maximum(np.median(steps), around)
+    return np.flatnonzero(
+        pauses & (np.abs(np.diff(level)) > MIN_SWITCH * float(np.ptp(level)))
+    ).tolist()
+
+
 def change_by_instant(
     time: Float, begins: float, ends: float, step: float, responses: Sequence[Response]
 ) -> Float:

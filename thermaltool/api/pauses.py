@@ -1,0 +1,46 @@
+"""Commands that change during a pause of a log, placed where the outputs show them."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import TYPE_CHECKING
+
+from thermaltool.api.inputs import Notice
+
+if TYPE_CHECKING:
+    from thermaltool.logs import Log
+
+
+def placed_in_pauses(
+    log: Log, drives: Sequence[str], outputs: Sequence[str], warn: Notice, shown: Log | None = None
+) -> Log:
+    """A log with rows, without readings, where a command changes during a pause.
+
+    Parameters
+    ----------
+    log : Log
+    drives, outputs : sequence of str
+    warn : callable
+        Takes a sentence on each.
+    shown : Log, optional
+        The same without readings that would mislead. Default: the log itself.
+    """
+    import numpy as np
+
+    from thermaltool.responses.switching import pauses_with_switch
+    from thermaltool.units import hold_of
+
+    steps, held = np.diff(log.time), [name for name in drives if hold_of(name) == "zero"]
+    if not any(pauses_with_switch(log.column(name), steps) for name in held):
+        return log
+
+    from thermaltool.fitting.pauses import switch_rows, switches_in_pauses
+    from thermaltool.model import Drive
+    from thermaltool.report.text import pause_switch_message
+    from thermaltool.units import drive_reference
+
+    own = [Drive(name, hold_of(name), drive_reference(name), (0.0, 0.0)) for name in drives]
+    found = switches_in_pauses(log if shown is None else shown, own, outputs)
+    for switch in found:
+        warn(pause_switch_message(log, switch))
+    return log.with_rows(*switch_rows(log, own, found)) if found else log
