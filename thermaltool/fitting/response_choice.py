@@ -178,48 +178,73 @@ def _compared(
         found += [own] if own is not None else []
     if not found:
         return ()
-    rows = min(sound_ones(found), key=lambda each: each.size).independent
-    best = best_of(found, rows)
+    best = best_of(found, _independent(found))
     # A wall with weak films is a rod of little loss, too: it is tried first.
     for kind in (SLAB, *((ROD,) if usual == PLATE else ())) if len(drives) == 1 else ():
         if best.parameters > SLAB_PARAMETERS or best.kinds == (PLATE,):
             progress(f"trying {kind}")
             own = task.fit((kind,), still)
             found += [own] if own is not None else []
-            best = best_of(found, rows)
+            best = best_of(found, _independent(found))
     if not fixed.get("delay"):
         progress("trying delays")
-        found += _delayed(task, found, rows)
+        rationals = [each for each in found if each.kinds[0] in DELAYED]
+        found += _delayed(task, rationals, _independent(found))
     if len(drives) > 1:
         progress("trying a kind for each drive")
-        found += mixed_kinds(task, found, rows)
+        found += mixed_kinds(task, found, _independent(found))
         progress("trying time constants that all drives share")
-        found += common_lags(task, found, rows)
-    judged = _Judgement(found, task.data(still), rows).candidates(usual)
+        shared = common_lags(task, found, _independent(found))
+        if not fixed.get("delay"):
+            progress("trying delays before these")
+            whole = [each for each in without_delays(shared) if LEFT_OUT not in each.kinds]
+            shared += _delayed(task, whole, _independent([*found, *shared]))
+        found += shared
+    judged = _Judgement(found, task.data(still), _independent(found)).candidates(usual)
     around = set(surroundings(drives, task.output)) if task.equilibrium else set()
     return tuple(
         replace(each, equilibrium=any(each.kinds[d] != LEFT_OUT for d in around)) for each in judged
     )
 
 
-def _delayed(task: KindSearch, found: Sequence[FittedKinds], rows: float) -> list[FittedKinds]:
-    """Rational kinds, each with its own delay of the drives for which there is evidence."""
-    rationals = [each for each in found if each.kinds[0] in DELAYED]
+def _independent(found: Sequence[FittedKinds]) -> float:
+    """Rows that count as independent in what the closest kinds leave: of poor ones few are."""
+    return min(sound_ones(found), key=lambda each: each.size).independent
+
+
+def _delayed(task: KindSearch, plain: Sequence[FittedKinds], rows: float) -> list[FittedKinds]:
+    """Kinds, each with its own delay of the drives for which there is evidence.
+
+    The delay of most evidence is taken first: others may only have stood in for it.
+    """
     longest = MAX_DELAY_SHARE * task.duration
     tried = [k * task.period for k in DELAY_SAMPLES if k * task.period <= longest]
-    if not rationals or not tried:
+    if not plain or not tried:
         return []
-    best = best_of(rationals, rows)
-    brackets = {d: _bracket(task, best, d, tried, rows) for d in range(len(best.kinds))}
+    best = best_of(plain, rows)
+    brackets: dict[int, tuple[float, float]] = {}
+    while len(brackets) < len(best.kinds):
+        left = [d for d in range(len(best.kinds)) if d not in brackets]
+        found = [(_bracket(task, best, d, tried, rows), d) for d in left]
+        evidence, *bracket, d = max((*each, d) for each, d in found)
+        if evidence < DECISIVE + np.log(rows):
+            break
+        brackets[d] = (bracket[0], bracket[1])
+        best = _placed(task, best, d, brackets[d])
     fits = []
-    for base in rationals if any(brackets.values()) else []:
-        each = base
-        for d, bracket in brackets.items():
-            if bracket is not None:
-                delay = _golden(partial(_size_of, task, each, d), *bracket, DELAY_STEPS)
-                each = task.fit(each.kinds, _with_delay(each, d, delay)) or each
+    for each in plain if brackets else []:
+        for d, own in brackets.items():
+            each = _placed(task, each, d, own)
         fits.append(each)
     return [each for each in fits if any(each.delays)]
+
+
+def _placed(
+    task: KindSearch, each: FittedKinds, d: int, bracket: tuple[float, float]
+) -> FittedKinds:
+    """Kinds with the best delay of one drive in a bracket; as they are where there is none."""
+    delay = _golden(partial(_size_of, task, each, d), *bracket, DELAY_STEPS)
+    return task.fit(each.kinds, _with_delay(each, d, delay), common=each.common) or each
 
 
 def _with_delay(each: FittedKinds, d: int, delay: float) -> tuple[float, ...]:
@@ -228,24 +253,24 @@ def _with_delay(each: FittedKinds, d: int, delay: float) -> tuple[float, ...]:
 
 def _size_of(task: KindSearch, base: FittedKinds, d: int, delay: float) -> float:
     """Sum of squares with another delay of one drive: each delay has rates of its own."""
-    found = task.fit(base.kinds, _with_delay(base, d, delay), refined=FEW_STARTS)
+    found = task.fit(
+        base.kinds, _with_delay(base, d, delay), refined=FEW_STARTS, common=base.common
+    )
     return base.size if found is None else found.size
 
 
 def _bracket(
     task: KindSearch, base: FittedKinds, d: int, tried: Sequence[float], rows: float
-) -> tuple[float, float] | None:
-    """Between which delays that of a drive lies; None where there is no evidence of one."""
+) -> tuple[float, float, float]:
+    """Evidence for a delay of a drive, and between which two it lies."""
     sizes: list[float] = []
     for delay in tried:
-        sizes.append(task.size(base.kinds, _with_delay(base, d, delay), base.theta))
+        sizes.append(task.size(base.kinds, _with_delay(base, d, delay), base.theta, base.common))
         if sizes[-1] > GIVE_UP * min(*sizes, base.size):
             break
     fall = float(np.log(base.size / max(min(sizes), np.finfo(float).tiny)))
-    if rows * fall < DECISIVE + np.log(rows):
-        return None
     k = int(np.argmin(sizes))
-    return tried[k - 1] if k else 0.0, tried[min(k + 1, len(tried) - 1)]
+    return rows * fall, tried[k - 1] if k else 0.0, tried[min(k + 1, len(tried) - 1)]
 
 
 def _golden(size: Callable[[float], float], low: float, high: float, steps: int) -> float:

@@ -246,7 +246,9 @@ class KindSearch:
             self._data[delays] = CandidateData.grouped(self._assemble(delays), keep, self._noise)
         return self._data[delays]
 
-    def size(self, kinds: Sequence[str], delays: tuple[float, ...], theta: Float) -> float:
+    def size(
+        self, kinds: Sequence[str], delays: tuple[float, ...], theta: Float, common: bool = False
+    ) -> float:
         """Sum of squares at the minimum near `theta` [unit² of the output].
 
         Parameters
@@ -254,9 +256,11 @@ class KindSearch:
         kinds : sequence of str
         delays : tuple of float [s]
         theta : ndarray, shape (searched,)
+        common : bool
+            See `fit`.
         """
         data = self.data(delays)
-        search = self._search(data, kinds)
+        search = self._search(data, kinds, common)
         return float((search.refine(theta, data.whole)[0] * search.scale) ** 2)
 
     def fit(
