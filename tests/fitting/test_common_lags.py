@@ -32,14 +32,15 @@ def body(seed):
     return A, heat / capacity[:, None], generator
 
 
-def log(seed, rows=1500, dt=30.0):
+def log(seed, rows=1500, dt=30.0, dead=0):
     A, B, generator = body(seed)
     spindle = np.repeat(generator.choice([0.0, 60.0, 120.0], rows // 60 + 1), 60)[:rows]
     feed = np.repeat(generator.choice([0.0, 40.0], rows // 25 + 1), 25)[:rows]
     day = 2 * np.pi * np.arange(rows) * dt / 86400
     room = 20 + 1.5 * np.sin(day) + np.cumsum(generator.normal(0, 0.01, rows))
     room -= room[0] - 20
-    u = np.column_stack([spindle, feed, room - 20])
+    late = np.append(np.zeros(dead), spindle[: rows - dead])
+    u = np.column_stack([late, feed, room - 20])
     kept, x = expm(A * dt), np.zeros((rows, 4))
     into = np.linalg.solve(A, kept - np.eye(4)) @ B
     for k in range(1, rows):
@@ -69,6 +70,21 @@ def test_drives_of_one_body_share_its_time_constants_and_their_gains_are_right(s
     lags = [[getattr(each, name) for name in each.searched] for each in found.values()]
     assert lags[0] == lags[1] == lags[2]
     assert ", common" in calibration_table(model)
+
+
+@pytest.mark.slow
+def test_one_of_the_drives_of_a_body_has_a_dead_time():
+    record, steady = log(5, dead=5)
+    drives = (SPINDLE, FEED, ROOM)
+    model = calibrate([record], CalibrationPlan(drives, (OUTPUT,), choose=True))
+    found = {term.drive: term.response for term in model.terms}
+    # To half a row: what starts slowly is told from a short lag by little.
+    assert found[SPINDLE].delay == pytest.approx(150.0, abs=15.0)
+    assert found[FEED].delay == found[ROOM].delay == 0
+    moved = np.array([120.0, 40.0, np.ptp(record.column(ROOM))])
+    gains = np.array([found[drive].dc_gain() for drive in drives])
+    assert np.max(np.abs(gains - steady) * moved) < 0.03
+    assert model.outputs[0].fit["rmse"] < 1.05 * 0.02
 
 
 def test_a_shared_rate_moves_the_weights_of_every_drive():

@@ -30,7 +30,7 @@ def pruned(task: DiagnosisTask, first: Hypothesis, search: SearchState) -> Searc
     search : SearchState
         At the end of the forward selection.
     """
-    search = _of_no_harm(task, _of_use(task, _backward(search)))
+    search = _of_gain(task, _of_no_harm(task, _of_use(task, _backward(search))))
     return _of_no_rest(task, first, _of_no_curve(task, search))
 
 
@@ -121,6 +121,22 @@ def _of_no_harm(task: DiagnosisTask, search: SearchState) -> SearchState:
         rest = _dropped(search, cause, "is left out: with it a log would be worse")
         if rest.spoiled(task, rest.written(task)) is None:
             return rest
+    return search
+
+
+def _of_gain(task: DiagnosisTask, search: SearchState) -> SearchState:
+    """The search without causes that together leave the written model no better than it came.
+
+    Each may be of use beside the others where one undoes what another does.
+    """
+    while acting := [c for c in search.causes if c.effect in search.hypothesis.model.effects]:
+        written, last = search.written(task), search.hypothesis
+        logs = [log for log in (*task.logs, *task.validate) if cannot_run(written, log) is None]
+        noise = {o: last.white(o) for o in last.groups}
+        if spoiled_by(written, task.model, logs, last.simulation.masked, noise) is not None:
+            break
+        weakest = min(acting, key=lambda cause: cause.evidence)
+        search = _dropped(search, weakest, "is left out: with it no log is better")
     return search
 
 
