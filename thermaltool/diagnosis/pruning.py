@@ -30,7 +30,9 @@ def pruned(task: DiagnosisTask, first: Hypothesis, search: SearchState) -> Searc
     search : SearchState
         At the end of the forward selection.
     """
-    search = _of_gain(task, _of_no_harm(task, _of_use(task, _backward(search))))
+    search = _backward(search)
+    for step in (_of_use, _harmless, _of_no_harm, _of_gain):
+        search = step(task, search)
     return _of_no_rest(task, first, _of_no_curve(task, search))
 
 
@@ -122,6 +124,26 @@ def _of_no_harm(task: DiagnosisTask, search: SearchState) -> SearchState:
         if rest.spoiled(task, rest.written(task)) is None:
             return rest
     return search
+
+
+def _harmless(task: DiagnosisTask, search: SearchState) -> SearchState:
+    """The search without causes without which some log is better by the written model."""
+    while (harmful := _harmful(task, search)) is not None:
+        search = _dropped(search, harmful, "is left out: with it a log would be worse")
+    return search
+
+
+def _harmful(task: DiagnosisTask, search: SearchState) -> Cause | None:
+    """The last cause without which the written model is better on some log."""
+    written, last = search.written(task), search.hypothesis
+    logs = [log for log in (*task.logs, *task.validate) if cannot_run(written, log) is None]
+    noise = {o: last.white(o) for o in last.groups}
+    for cause in reversed(search.causes):
+        rest = without(written, cause.effect)
+        if rest is not written and len(written.effects) > 1:
+            if spoiled_by(rest, written, logs, last.simulation.masked, noise) is not None:
+                return cause
+    return None
 
 
 def _of_gain(task: DiagnosisTask, search: SearchState) -> SearchState:
