@@ -8,7 +8,8 @@ import pytest
 
 import thermaltool as tt
 from thermaltool.diagnosis.diagnose import diagnose
-from thermaltool.diagnosis.verdict import ResidualBudget, misfit_of, verdict_of
+from thermaltool.diagnosis.residual_budget import ResidualBudget, misfit_of
+from thermaltool.diagnosis.verdict import verdict_of
 from thermaltool.fitting.calibrate import calibrate
 from thermaltool.fitting.calibration_plan import CalibrationPlan
 from thermaltool.model import Model, Output

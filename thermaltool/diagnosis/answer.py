@@ -14,6 +14,12 @@ from thermaltool.diagnosis.gain import Gain
 from thermaltool.diagnosis.hypothesis import Hypothesis
 from thermaltool.diagnosis.lasting import MIN_TIMES_ALLOWED, Recurrence, may_recur, recurrences
 from thermaltool.diagnosis.noisy_states import noisy_states
+from thermaltool.diagnosis.residual_budget import (
+    ADEQUATE_SHARE,
+    ResidualBudget,
+    reading_noise,
+    weigh_residuals,
+)
 from thermaltool.diagnosis.result import Alternative, Cause, Diagnosis, curves_of, unconfirmed
 from thermaltool.diagnosis.search import HAS_CHANGED
 from thermaltool.diagnosis.severity import (
@@ -25,15 +31,11 @@ from thermaltool.diagnosis.simulation import SimulatedLogs
 from thermaltool.diagnosis.starts import start_free
 from thermaltool.diagnosis.state import DiagnosisTask, SearchState
 from thermaltool.diagnosis.verdict import (
-    ADEQUATE_SHARE,
     MIN_SHARE_LEFT,
-    ResidualBudget,
     nothing_moves,
-    reading_noise,
     undecided,
     unknown_cause,
     verdict_of,
-    weigh_residuals,
 )
 from thermaltool.diagnosis.written import WrittenStep, account, explained
 from thermaltool.effects.effect import Effect

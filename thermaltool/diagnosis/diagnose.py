@@ -16,12 +16,12 @@ from thermaltool.diagnosis.alternatives import invisible
 from thermaltool.diagnosis.answer import answer
 from thermaltool.diagnosis.limits import USUAL_LIMITS, ExperimentLimits
 from thermaltool.diagnosis.no_signature import OutlierMask, find_outliers, outliers_of
+from thermaltool.diagnosis.residual_budget import reading_noise
 from thermaltool.diagnosis.result import Diagnosis
 from thermaltool.diagnosis.search import searched
 from thermaltool.diagnosis.select import Progress
 from thermaltool.diagnosis.simulation import SimulatedLogs
 from thermaltool.diagnosis.state import DiagnosisTask, SearchState
-from thermaltool.diagnosis.verdict import reading_noise
 from thermaltool.diagnosis.written import cannot_run
 from thermaltool.errors import FitError, ModelError, counted
 from thermaltool.model import Model

@@ -8,11 +8,12 @@ from thermaltool.diagnosis.evidence import DECISIVE_EVIDENCE, STARTS
 from thermaltool.diagnosis.fit import CauseCandidate
 from thermaltool.diagnosis.hypothesis import Hypothesis
 from thermaltool.diagnosis.nonlinearity import stand_ins
+from thermaltool.diagnosis.residual_budget import reading_noise, weigh_residuals
 from thermaltool.diagnosis.result import Cause
 from thermaltool.diagnosis.select import fit_candidate
 from thermaltool.diagnosis.simulation import without
 from thermaltool.diagnosis.state import DiagnosisTask, SearchState
-from thermaltool.diagnosis.verdict import reading_noise, unknown_cause, weigh_residuals
+from thermaltool.diagnosis.verdict import unknown_cause
 from thermaltool.diagnosis.written import cannot_run, spoiled_by
 
 # Share of the misfit that a cause of the written model explains at least: told as 2 %.

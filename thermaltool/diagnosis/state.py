@@ -14,12 +14,12 @@ from thermaltool.diagnosis.fit import CauseCandidate
 from thermaltool.diagnosis.hypothesis import Hypothesis
 from thermaltool.diagnosis.limits import USUAL_LIMITS, ExperimentLimits
 from thermaltool.diagnosis.long_logs import averaged_logs, rows_of
+from thermaltool.diagnosis.residual_budget import misfit_of
 from thermaltool.diagnosis.result import Alternative, Cause, Tried
 from thermaltool.diagnosis.select import Progress
 from thermaltool.diagnosis.severity import fraction_removed
 from thermaltool.diagnosis.simulation import Mask
 from thermaltool.diagnosis.validate import AcceptedCause
-from thermaltool.diagnosis.verdict import misfit_of
 from thermaltool.diagnosis.written import cannot_run, rezeroed, spoiled_by
 from thermaltool.effects.effect import Effect
 from thermaltool.model import Model

@@ -18,10 +18,10 @@ from thermaltool.diagnosis.fit import CauseCandidate
 from thermaltool.diagnosis.gain import MIN_LOSS, Gain
 from thermaltool.diagnosis.held_out import held_out_gains
 from thermaltool.diagnosis.hypothesis import Hypothesis
+from thermaltool.diagnosis.residual_budget import MAX_TIMES_CALIBRATED
 from thermaltool.diagnosis.result import Cause
 from thermaltool.diagnosis.select import fit_candidate
 from thermaltool.diagnosis.simulation import without
-from thermaltool.diagnosis.verdict import MAX_TIMES_CALIBRATED
 from thermaltool.diagnosis.written import cannot_run, explained, gains_of
 from thermaltool.effects.effect import Effect
 from thermaltool.errors import ModelError
