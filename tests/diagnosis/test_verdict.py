@@ -86,6 +86,12 @@ def test_what_decides(
     assert verdict_of({"d_y_um": budget}, ()) == verdict
 
 
+def test_what_a_log_shows_about_once_is_not_judged() -> None:
+    slow, shown = (ResidualBudget(3.0, 3.0, 3.0, 1.0, 1.0, 1.1, 0.0, rows) for rows in (1.0, 50.0))
+    assert verdict_of({"d_y_um": slow}, ()) == "cannot judge"
+    assert verdict_of({"d_y_um": shown}, ()) == "not adequate"
+
+
 def test_evidence_grows_with_what_is_left() -> None:
     small, large = (
         ResidualBudget(10.0, rms, rms, 1.0, 1.0, 1.1, 0.0, 50.0).evidence for rms in (2.0, 4.0)

@@ -139,11 +139,12 @@ def _harmful(task: DiagnosisTask, search: SearchState) -> Cause | None:
     written, last = search.written(task), search.hypothesis
     logs = [log for log in (*task.logs, *task.validate) if cannot_run(written, log) is None]
     noise = {o: last.white(o) for o in last.groups}
-    for cause in reversed(search.causes):
-        rest = without(written, cause.effect)
-        if rest is not written and len(written.effects) > 1:
-            if spoiled_by(rest, written, logs, last.simulation.masked, noise) is not None:
-                return cause
+    for cause in reversed(search.causes if len(written.effects) > 1 else ()):
+        rest, worse = without(written, cause.effect), None
+        if rest is not written:
+            worse = spoiled_by(rest, written, logs, last.simulation.masked, noise)
+        if worse is not None:
+            return cause
     return None
 
 

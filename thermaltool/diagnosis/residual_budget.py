@@ -29,6 +29,8 @@ ADEQUATE_SHARE = 0.5
 # misfit that a diagnosis knows from the calibration this many times what it does not know counts.
 # Where it is lost in the noise nothing of it counts, from the second share of the noise on all.
 MAX_TIMES_CALIBRATED, MAX_DRIFTS, OVER_NOISE = 3.5, 2.0, (0.5, 2.0)
+# Below this fall of BIC nothing is worth more than a bare mention (Kass & Raftery 1995).
+MIN_EVIDENCE = 2.0
 # Power that stands for none [unit of the output, squared].
 TINY = 1e-300
 
@@ -87,6 +89,16 @@ class ResidualBudget:
     def usual(self) -> bool:
         """Whether what is unexplained may be what the calibration itself is off by."""
         return self.unexplained**2 - self.white**2 <= (MAX_TIMES_CALIBRATED * self.misfit) ** 2
+
+    @property
+    def too_large(self) -> bool:
+        """Whether more is left than noise, and than what the calibration shows and leaves open."""
+        return self.allowed < ADEQUATE_SHARE and not self.usual
+
+    @property
+    def wrong(self) -> bool:
+        """Whether it is too large, and these rows are enough to say so."""
+        return self.too_large and self.evidence >= MIN_EVIDENCE
 
     @property
     def evidence(self) -> float:

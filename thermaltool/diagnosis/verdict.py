@@ -43,7 +43,7 @@ def verdict_of(
     """
     if undecided and not causes:
         return "cannot judge"
-    if causes or any(each.allowed < ADEQUATE_SHARE and not each.usual for each in budgets.values()):
+    if causes or any(each.wrong for each in budgets.values()):
         return "not adequate"
     if any(
         min(each.allowed, each.accounted) < ADEQUATE_SHARE or each.coarse
@@ -71,6 +71,11 @@ def undecided(hypothesis: Hypothesis, budgets: Mapping[str, ResidualBudget]) -> 
                 f"{output}: the calibration leaves {_most_open(hypothesis, output)} open, by which "
                 f"this log moves {np.sqrt(each.shown**2 - each.unexplained**2):.3g} {unit}: "
                 "calibrate on this log beside the calibration's own"
+            )
+        elif each.too_large:
+            found.append(
+                f"{output}: {each.unexplained:.3g} {unit} RMS is left, so slow that these logs say "
+                "it about once: it may be chance. Diagnose a longer log, or several"
             )
         elif each.coarse or each.allowed < ADEQUATE_SHARE:
             found.append(
@@ -147,7 +152,7 @@ def unknown_cause(
     named : bool
         Whether there are any.
     """
-    wrong = {o: e for o, e in budgets.items() if e.allowed < ADEQUATE_SHARE and not e.usual}
+    wrong = {output: each for output, each in budgets.items() if each.wrong}
     worst = {
         output: each
         for output, each in wrong.items()
