@@ -48,6 +48,9 @@ MISFIT_TIME = 60.0
 # After a pause of more than so many periods the heat may be any, which the steady gain follows in a
 # while: so long [s], and for as many periods, nothing is tested.
 MAX_PAUSE, BLIND_TIME = 5, 60.0
+# A first reading further from rest than so many standard deviations of noise and model says that
+# the machine is warm [1].
+MAX_REST = 5.0
 # Ratios are tested where signals are so many times what is expected of an innovation (whitened):
 # the heat of a machine that idles is noise, which answers in no ratio.
 MIN_SIGNAL = 10.0
@@ -149,31 +152,31 @@ class InnovationTest:
         weight = min(-math.expm1(-dt / WINDOW), 1 / WINDOW_ROWS)
         return WhitenedSample.of(space.F, space.H, G, S), weight
 
-    def start(self, readings: Float, settled: bool = False) -> None:
-        """Begin at the first readings: at rest, or settled at them.
+    def start(
+        self, readings: Float, initial: Initial = "rest", level: Sequence[float] = ()
+    ) -> None:
+        """Begin at the first readings.
+
+        Of a machine that is warm rows count as soon as they tell of it more than of its start.
 
         Parameters
         ----------
         readings : ndarray, shape (n_sensors,)
-        settled : bool
-        """
-        self._begin(self._filter.first_state(self._period * CLOCK_STEP, readings, settled))
-
-    def start_free(self, readings: Float, level: Sequence[float]) -> None:
-        """Begin at the first readings of a machine that is warm, of which no more is known.
-
-        Rows count as soon as they tell of the machine more than of its start.
-
-        Parameters
-        ----------
-        readings : ndarray, shape (n_sensors,)
+        initial : {"rest", "settled", "free"}
+            At rest, settled at the readings, or warm, of which no more is known; free of a response
+            that does not decay: at rest. So is a machine at rest that reads otherwise.
         level : sequence of float, one for each drive
-            Standard deviation of the heat that it has had [unit of the drive].
+            Where it is free: standard deviation of the heat that it has had [unit of the drive].
         """
         dt = self._period * CLOCK_STEP
-        unknown = FreeStart(self._filter, dt, level)
-        self._begin(unknown.first(dt, readings))
-        self._unknown = unknown
+        self._begin(self._filter.start(dt, readings, initial == "settled"))
+        noise = [math.hypot(each.white, each.drift) for each in self._filter.noise]
+        warm = bool(level) and bool(np.any(np.abs(readings) > MAX_REST * np.array(noise)))
+        if initial == "free" or (initial == "rest" and warm):
+            with suppress(FitError):
+                unknown = FreeStart(self._filter, dt, level)
+                self._begin(unknown.first(dt, readings))
+                self._unknown = unknown
 
     def _begin(self, state: Float) -> None:
         self._x, self._unknown = state, None
@@ -247,7 +250,8 @@ class InnovationTest:
     def state(self) -> list[Any]:
         """For `resume`, as JSON."""
         gains = [] if self._gains is None else [self._gains.state()]
-        return [self._x.tolist(), self.nis, self.drift, self._blind, *gains]
+        unknown = [] if self._unknown is None else [self._unknown.state()]
+        return [self._x.tolist(), self.nis, self.drift, self._blind, *gains, *unknown]
 
     def resume(self, values: list[Any]) -> None:
         """Go on from a state.
@@ -257,12 +261,19 @@ class InnovationTest:
         ValueError
             Not a state of this test.
         """
-        x, nis, drift, blind, *gains = values
+        x, nis, drift, blind, *more = values
+        count = int(self._gains is not None)
+        gains, unknown = more[:count], more[count:]
         state = np.array(x, float)
         if state.shape != self._x.shape or not np.isfinite([*state, nis, drift]).all():
             raise ValueError("not a state of this test")
-        if len(gains) != (self._gains is not None):
+        if len(gains) != count or len(unknown) > 1:
             raise ValueError("not a state of this test")
+        self._unknown = None
+        for each in unknown:
+            # No heat is needed for what the start is known to by now.
+            none = [0.0] * len(self._filter.drives)
+            self._unknown = FreeStart(self._filter, self._period * CLOCK_STEP, none, each)
         if self._gains is not None:
             self._gains.start(len(state))
             self._gains.resume(*gains)
@@ -348,17 +359,14 @@ def record_alarm(
     initial : {"rest", "settled", "free"}
         The machine at the first row; free of a response that does not decay: at rest.
     level : sequence of float, one for each drive
-        Of a free start, as for `InnovationTest.start_free`.
+        Of a free start, as for `InnovationTest.start`.
     """
     if not test.can_tell:
         return Alarm(NOT_POSSIBLE, test.blind_spot)
     rows = np.flatnonzero(np.isfinite(readings).all(axis=1))
     if len(rows) < 2:
         return Alarm(NOT_POSSIBLE, "no alarm is possible: no two rows have readings of all sensors")
-    test.start(readings[rows[0]], initial == "settled")
-    if initial == "free":
-        with suppress(FitError):
-            test.start_free(readings[rows[0]], level)
+    test.start(readings[rows[0]], initial, level)
     ticks = np.round(np.diff(time[rows]) / CLOCK_STEP).astype(np.int64).tolist()
     tested = 0
     for length, row in zip(ticks, rows[1:].tolist(), strict=True):

@@ -185,7 +185,7 @@ def look(
     sensors = len(kalman.sensors)
     readings, behind = taken[:, :sensors], np.zeros((len(time), len(kalman.estimates)))
     if isinstance(estimator, KnownInputEstimator):
-        before, behind = estimator.contributions(time, taken[:, sensors:])
+        before, behind = estimator.contributions(time, taken, initial == "settled")
         readings = readings - before
     level = drive_levels(model, kalman.drives)
     there = np.ones(len(time), bool)

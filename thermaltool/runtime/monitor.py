@@ -59,7 +59,7 @@ class Monitor:
         lag: float | None,
         level: Sequence[float] = (),
     ) -> None:
-        self._report = report
+        self._report, self._level = report, tuple(level)
         self._late = None if lag is None else FixedLag(estimator, lag, period)
         self._test: InnovationTest | None = None
         self._error: RunningError | None = None
@@ -83,25 +83,36 @@ class Monitor:
         if bands:
             names.append(ALARM)
         self.names, self.alarm, self._tested = tuple(names), False, False
+        # Whether the test knows that the machine's state was unknown a while ago.
+        self._settles = False
 
     def start(self, readings: Sequence[float], initial: Initial) -> None:
-        """Begin at the first readings: at rest, settled at them, or at rest where nothing is."""
+        """Begin at the first readings: at rest, settled at them, or of a warm machine."""
         first = np.array(readings)
-        for part in (self._late, self._test):
-            if part is not None:
-                part.start(first, initial == "settled")
+        if self._late is not None:
+            self._late.start(first, initial == "settled")
+        if self._test is not None:
+            self._test.start(first, initial, self._level)
         if self._error is not None:
             self._error.start(initial)
         self._latest = [0.0] * len(self._latest)
         self._late_ticks = self._test_ticks = 0
         self.alarm = self._tested = False
+        self._settles = initial == "free"
 
     def step(
-        self, ticks: int, readings: Sequence[float], good: bool, lost: Collection[int] = ()
+        self,
+        ticks: int,
+        readings: Sequence[float],
+        good: bool,
+        lost: Collection[int] = (),
+        settles: bool = False,
     ) -> None:
         """Take the readings after a sample of `ticks` clock steps, but those of `lost` sensors.
 
-        Where they are not `good` (held, or of a sensor that is left out) nothing is tested.
+        Where they are not `good` (held, or of a sensor that is left out) nothing is tested. Where
+        the estimate `settles`, since nothing was read for long, the test begins anew, as of a warm
+        machine.
         """
         now = np.array(readings)
         self._late_ticks += ticks
@@ -118,7 +129,11 @@ class Monitor:
             if late is not None:
                 self._latest = late.tolist()
         if self._test is not None and good:
-            self._test.step(self._test_ticks, now)
+            if settles and not self._settles:
+                self._test.start(now, "free", self._level)
+            else:
+                self._test.step(self._test_ticks, now)
+            self._settles = settles
             self._tested = self._test.counted
             self._test_ticks = 0
             if self._test.alarm != self.alarm:
@@ -151,7 +166,7 @@ class Monitor:
     def state(self) -> list[Any]:
         """For `resume`, as JSON."""
         parts = [None if part is None else part.state() for part in self._parts]
-        return [*parts, self._latest, self._late_ticks, self._test_ticks]
+        return [*parts, self._latest, self._late_ticks, self._test_ticks, self._settles]
 
     @property
     def _parts(self) -> tuple[FixedLag | None, InnovationTest | None, RunningError | None]:
@@ -165,9 +180,11 @@ class Monitor:
         ValueError
             Not a state of this monitor.
         """
-        *parts, latest, late_ticks, test_ticks = values
-        if len(parts) != len(self._parts):
+        count = len(self._parts)
+        # States of before do not say whether the test knows that the estimate settles.
+        if not count + 3 <= len(values) <= count + 4:
             raise ValueError("not a state of this monitor")
+        parts, (latest, late_ticks, test_ticks, *settles) = values[:count], values[count:]
         for part, kept in zip(self._parts, parts, strict=True):
             if (part is None) != (kept is None):
                 raise ValueError("not a state of this monitor")
@@ -175,4 +192,5 @@ class Monitor:
                 part.resume(kept)
         self._latest = [float(each) for each in latest]
         self._late_ticks, self._test_ticks = int(late_ticks), int(test_ticks)
+        self._settles = any(settles)
         self.alarm = self._test is not None and self._test.alarm
