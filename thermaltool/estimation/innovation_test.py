@@ -250,7 +250,7 @@ class InnovationTest:
     def state(self) -> list[Any]:
         """For `resume`, as JSON."""
         gains = [] if self._gains is None else [self._gains.state()]
-        unknown = [] if self._unknown is None else [self._unknown.state()]
+        unknown = [] if self._unknown is None else [{"start": self._unknown.state()}]
         return [self._x.tolist(), self.nis, self.drift, self._blind, *gains, *unknown]
 
     def resume(self, values: list[Any]) -> None:
@@ -262,12 +262,12 @@ class InnovationTest:
             Not a state of this test.
         """
         x, nis, drift, blind, *more = values
-        count = int(self._gains is not None)
-        gains, unknown = more[:count], more[count:]
+        unknown = [each["start"] for each in more if isinstance(each, dict)]
+        gains = more[: len(more) - len(unknown)]
         state = np.array(x, float)
         if state.shape != self._x.shape or not np.isfinite([*state, nis, drift]).all():
             raise ValueError("not a state of this test")
-        if len(gains) != count or len(unknown) > 1:
+        if len(gains) != (self._gains is not None) or len(unknown) > 1:
             raise ValueError("not a state of this test")
         self._unknown = None
         for each in unknown:

@@ -18,14 +18,10 @@ from thermaltool.estimation.deconvolution import (
     followed,
 )
 from thermaltool.estimation.estimator import Estimator, KalmanEstimator
+from thermaltool.estimation.even_clock import steps_on_any_clock
 from thermaltool.estimation.fixed_lag import error_variance, fixed_lag
 from thermaltool.estimation.forms import linear_kalman
-from thermaltool.estimation.heat_steps import (
-    HeatSteps,
-    find_steps,
-    smooth_with_steps,
-    why_no_steps,
-)
+from thermaltool.estimation.heat_steps import HeatSteps, smooth_with_steps
 from thermaltool.estimation.innovation_test import (
     WALK_FACTOR,
     Alarm,
@@ -227,16 +223,13 @@ def look(
         # What the calibration has left of the sensors is no heat.
         kalman = with_misfit(kalman, model_errors(model, kalman))
 
-    sought = how.may_step and len(time) > 0
-    no_steps = why_no_steps(kalman, time, readings, level) if sought else ""
-    sought = sought and not no_steps
-    steps, is_known = None, change is not None and change.taken
-    if sought and alarm is not None and alarm.word == PARTED and not is_known:
+    steps, no_steps, is_known = None, "", change is not None and change.taken
+    if how.may_step and alarm is not None and alarm.word == PARTED and not is_known:
         no_steps = "model and machine have parted"
-    elif sought:
-        steps = find_steps(kalman, time, readings, level, initial)
-        kalman = steps.estimator if steps.are_likelier else kalman
+    elif how.may_step and len(time) > 0:
+        steps, no_steps = steps_on_any_clock(kalman, time, readings, level, initial, there)
     stepped = steps if steps and steps.are_likelier else None
+    kalman = kalman if stepped is None else stepped.estimator
 
     def estimated(readings: Float, like: KalmanEstimator = kalman) -> Float:
         if how.smooth:
