@@ -98,3 +98,14 @@ def test_a_warm_start_frees_the_smoother(design):
     assert any("the state there is estimated" in each for each in said)
     off = found.estimates["Q_spindle_W"] - whole["Q_spindle_W"].to_numpy()[250:]
     assert np.sqrt(np.mean(off**2)) < 15.0
+
+
+def test_what_a_measured_drive_does_is_as_unsure_as_its_response(design):
+    rows = 240
+    room = ROOM + 6.0 * (np.arange(rows) > 20)
+    frame = log(np.zeros(rows), room, seed=8).drop(columns=["Q_spindle_W", "d_z_um"])
+    found = tt.estimate(design, frame, smooth=True, bands=True, warn=str).found
+    (term,) = (t for t in design.model.terms if (t.drive, t.output) == ("T_room_degC", "d_z_um"))
+    gains = [k for k, name in enumerate(term.covariance_names) if name.startswith("K")]
+    error = np.sqrt(np.sum(term.covariance[np.ix_(gains, gains)]))
+    assert found.sigma["d_z_um"][-1] > 0.5 * 6.0 * error

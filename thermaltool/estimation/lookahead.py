@@ -10,6 +10,7 @@ import numpy as np
 
 from thermaltool.errors import FitError, LogError, ModelError
 from thermaltool.estimation.bands import gain_errors, model_errors
+from thermaltool.estimation.calibration_error import acting_drives
 from thermaltool.estimation.changed_machine import Change, likeliest_change, with_loss
 from thermaltool.estimation.deconvolution import (
     DeconvolutionPlan,
@@ -187,6 +188,7 @@ def look(
     there = np.ones(len(time), bool)
     if how.smooth:
         time, readings, there = with_pauses(time, readings)
+    known = acting_drives(estimator, taken[np.cumsum(there) - 1], initial)
     if how.plan is not None:
         if settled:
             raise ModelError("--method takes a machine at rest at the first row; --smooth takes "
@@ -245,6 +247,15 @@ def look(
             return smoothed_estimates(kalman, time, readings, level, initial, rows)
         return np.array([estimated(each) for each in readings])
 
+    def with_model(sigma: Float, estimates: Float, estimated: Callable[[Float], Float]) -> Float:
+        """Standard errors for a model that is right, and those that its own errors make."""
+        if len(time) < 2:
+            return sigma
+        variance = parameter_variance(
+            model, kalman, time, estimates, readings, estimated, known, begins != "rest"
+        )
+        return np.sqrt(np.square(sigma) + variance)
+
     smoothed = None
     if how.smooth and (how.bands or stepped):
         smoothed = (smooth(kalman, time, readings, level, initial) if stepped is None
@@ -252,17 +263,15 @@ def look(
     estimates = estimated(readings) if smoothed is None else smoothed.estimates
     sigma = None
     if how.bands and smoothed is not None:
-        sigma = _with_parameters(
-            smoothed.sigma, model, kalman, time, estimates, readings, of_several
-        )
+        sigma = with_model(smoothed.sigma, estimates, of_several)
     elif how.bands:
         sigma = _filtered_sigma(kalman, told, time, level, begins, how.lag)
-        if how.walk == "design" and not how.lag:
+        if how.walk == "design" and not how.lag and not known:
             # As a stream has them.
             relative, _, _ = stream_bands(model.estimator_design(), len(kalman.estimates))
             sigma = np.hypot(sigma, np.array(relative) * estimates)
         else:
-            sigma = _with_parameters(sigma, model, kalman, time, estimates, readings, of_several)
+            sigma = with_model(sigma, estimates, of_several)
     if sigma is not None and change is not None and (change.explains or change.kind == "loss"):
         # What a change leaves open that is taken, and all that one does which is not.
         like = replace(kalman, sensed=change.edge.sensed, followed=change.edge.followed)
@@ -336,22 +345,6 @@ def _departure(
     errors = model_errors(model, designed), gain_errors(model, designed)
     level = drive_levels(model, designed.drives)
     return model_departure(about, *errors, time, readings, initial, level)
-
-
-def _with_parameters(
-    sigma: Float,
-    model: Model,
-    kalman: KalmanEstimator,
-    time: Float,
-    estimates: Float,
-    readings: Float,
-    estimated: Callable[[Float], Float],
-) -> Float:
-    """Standard errors for a model that is right, and those that its parameters make."""
-    if len(time) < 2:
-        return sigma
-    variance = parameter_variance(model, kalman, time, estimates, readings, estimated)
-    return np.sqrt(np.square(sigma) + variance)
 
 
 def _filtered_sigma(
