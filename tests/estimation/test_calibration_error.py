@@ -24,7 +24,9 @@ def of_posterior(covariance, spread=(), role="deflection"):
     }
     output = Output("d_z_um", role, "first", (0.0, 10.0), fit={"discrepancy": kept})
     terms = (
-        Term("Q_a_W", "d_z_um", Rational1(K1=3.0, tau1=600.0), np.diag([0.04, 0.0]), ("K1", "tau1")),
+        Term(
+            "Q_a_W", "d_z_um", Rational1(K1=3.0, tau1=600.0), np.diag([0.04, 0.0]), ("K1", "tau1")
+        ),
         Term("T_room_degC", "d_z_um", Rational1(K1=5.0, tau1=900.0)),
     )
     return Model(DRIVES, (output,), terms, 30.0), output
