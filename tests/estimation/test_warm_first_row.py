@@ -98,6 +98,18 @@ def test_a_stream_that_was_blind_while_the_heat_changed_has_none(design):
         assert "parted" not in words
 
 
+@pytest.mark.parametrize("dead", [slice(0, 120), slice(150, 330)])
+def test_a_sensor_that_is_dead_for_a_while_is_no_alarm_and_no_noise(design, dead):
+    generator = np.random.default_rng(15)
+    heat = np.repeat([0.0, 0.7, 0.2, 0.9, 0.4, 0.8], [20, 120, 90, 100, 120, 100])
+    rows = log(heat, generator).drop(columns=["Q_main_1", "d_z_um"])
+    rows.loc[rows.index[dead], "T_b_degC"] = np.nan
+    found = tt.estimate(design, rows, smooth=True, nan_policy="hold", warn=str).found
+    assert found.alarm.word == "quiet"
+    assert [each.white for each in found.sizes.noise] == pytest.approx([NOISE] * 3, rel=0.3)
+    assert "parted" not in stream(design, rows)[0]
+
+
 def test_a_machine_that_is_a_little_warm_has_none(design):
     heat = np.repeat([0.08, 0.08, 0.9], [150, 60, 120])
     rows = log(heat, np.random.default_rng(14)).drop(columns="Q_main_1").iloc[150:]

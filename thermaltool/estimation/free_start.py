@@ -58,7 +58,7 @@ class FreeStart:
         kept: list[Any] | None = None,
     ) -> None:
         self._estimator = estimator
-        self._P = estimator.start_covariance(dt, level, "rest" if kept else "free")
+        self._P = estimator.start_covariance(dt, level, "free")
         self.over = self.counts = False
         if kept is not None:
             P = np.array(kept, float)

@@ -296,8 +296,9 @@ def _alarm(
 ) -> Alarm:
     """By the noise of the design: what the record itself tells has seen the contradiction."""
     errors = model_errors(model, designed), gain_errors(model, designed)
-    test = InnovationTest(changed or designed, float(np.median(np.diff(time))), *errors)
-    return record_alarm(test, time, readings, initial, drive_levels(model, designed.drives))
+    period, level = float(np.median(np.diff(time))), drive_levels(model, designed.drives)
+    test = InnovationTest(changed or designed, period, *errors, level)
+    return record_alarm(test, time, readings, initial)
 
 
 def _change(

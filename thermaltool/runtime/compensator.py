@@ -163,8 +163,10 @@ class SetpointProcess(Process):
             if left_out is None:
                 self.report("", "all sensors count again")
             else:
-                why = ": the others contradict it" if left_out == against else ""
-                self.report(self.sensors[left_out].channel, f"left out{why}, the others go on")
+                sensor = self.sensors[left_out]
+                told = left_out == against and not sensor.lost
+                why = ": the others contradict it" if told else ""
+                self.report(sensor.channel, f"left out{why}, the others go on")
             self._without = left_out
         if enough and out - self._out and (cost := stepper.cost(out)):
             self.report("", cost)
@@ -247,7 +249,7 @@ class SetpointProcess(Process):
             estimates = self.stepper.step(ticks, inputs)
             if self._monitor is not None:
                 good = self.status not in NOT_TESTED
-                self._monitor.step(ticks, inputs, good, self.stepper.out, self._unsure.lasts)
+                self._monitor.step(ticks, inputs, good, self.stepper.out)
             self.estimates = self._outputs(estimates) if self._outputs else estimates
             if math.isfinite(sum(self.estimates)):
                 return

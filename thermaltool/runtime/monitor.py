@@ -59,7 +59,7 @@ class Monitor:
         lag: float | None,
         level: Sequence[float] = (),
     ) -> None:
-        self._report, self._level = report, tuple(level)
+        self._report = report
         self._late = None if lag is None else FixedLag(estimator, lag, period)
         self._test: InnovationTest | None = None
         self._error: RunningError | None = None
@@ -73,7 +73,7 @@ class Monitor:
             kept = stream_bands(design, len(estimator.estimates))
             self._relative, error, gain_error = kept
             self._error = RunningError(estimator, period, level)
-            test = InnovationTest(estimator, period, error, gain_error)
+            test = InnovationTest(estimator, period, error, gain_error, level)
             self._test = test if test.can_tell else None
             if test.blind_spot:
                 report("", test.blind_spot)
@@ -83,8 +83,6 @@ class Monitor:
         if bands:
             names.append(ALARM)
         self.names, self.alarm, self._tested = tuple(names), False, False
-        # Whether the test knows that the machine's state was unknown a while ago.
-        self._settles = False
 
     def start(self, readings: Sequence[float], initial: Initial) -> None:
         """Begin at the first readings: at rest, settled at them, or of a warm machine."""
@@ -92,27 +90,19 @@ class Monitor:
         if self._late is not None:
             self._late.start(first, initial == "settled")
         if self._test is not None:
-            self._test.start(first, initial, self._level)
+            self._test.start(first, initial)
         if self._error is not None:
             self._error.start(initial)
         self._latest = [0.0] * len(self._latest)
         self._late_ticks = self._test_ticks = 0
         self.alarm = self._tested = False
-        self._settles = initial == "free"
 
     def step(
-        self,
-        ticks: int,
-        readings: Sequence[float],
-        good: bool,
-        lost: Collection[int] = (),
-        settles: bool = False,
+        self, ticks: int, readings: Sequence[float], good: bool, lost: Collection[int] = ()
     ) -> None:
         """Take the readings after a sample of `ticks` clock steps, but those of `lost` sensors.
 
-        Where they are not `good` (held, or of a sensor that is left out) nothing is tested. Where
-        the estimate `settles`, since nothing was read for long, the test begins anew, as of a warm
-        machine.
+        Where they are not `good` (held, or of a sensor that is left out) nothing is tested.
         """
         now = np.array(readings)
         self._late_ticks += ticks
@@ -129,11 +119,7 @@ class Monitor:
             if late is not None:
                 self._latest = late.tolist()
         if self._test is not None and good:
-            if settles and not self._settles:
-                self._test.start(now, "free", self._level)
-            else:
-                self._test.step(self._test_ticks, now)
-            self._settles = settles
+            self._test.step(self._test_ticks, now)
             self._tested = self._test.counted
             self._test_ticks = 0
             if self._test.alarm != self.alarm:
@@ -166,7 +152,7 @@ class Monitor:
     def state(self) -> list[Any]:
         """For `resume`, as JSON."""
         parts = [None if part is None else part.state() for part in self._parts]
-        return [*parts, self._latest, self._late_ticks, self._test_ticks, self._settles]
+        return [*parts, self._latest, self._late_ticks, self._test_ticks]
 
     @property
     def _parts(self) -> tuple[FixedLag | None, InnovationTest | None, RunningError | None]:
@@ -180,11 +166,9 @@ class Monitor:
         ValueError
             Not a state of this monitor.
         """
-        count = len(self._parts)
-        # States of before do not say whether the test knows that the estimate settles.
-        if not count + 3 <= len(values) <= count + 4:
+        *parts, latest, late_ticks, test_ticks = values
+        if len(parts) != len(self._parts):
             raise ValueError("not a state of this monitor")
-        parts, (latest, late_ticks, test_ticks, *settles) = values[:count], values[count:]
         for part, kept in zip(self._parts, parts, strict=True):
             if (part is None) != (kept is None):
                 raise ValueError("not a state of this monitor")
@@ -192,5 +176,4 @@ class Monitor:
                 part.resume(kept)
         self._latest = [float(each) for each in latest]
         self._late_ticks, self._test_ticks = int(late_ticks), int(test_ticks)
-        self._settles = any(settles)
         self.alarm = self._test is not None and self._test.alarm
