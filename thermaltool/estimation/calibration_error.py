@@ -1,9 +1,10 @@
-"""What a calibration leaves open of an output, as changes that it may have in a record.
+"""What a calibration leaves open of an output, in a record.
 
-The model file keeps a posterior of each output: moves of the parameters, and weights of lags of all
-its drives, which stand for what a kind of response leaves out of its shape; and by what lags other
-kinds differ that came as near (`thermaltool.fitting.discrepancy`). It holds for all drives
-together, estimated or measured. A model without it has the covariance of each term's parameters.
+Of a deflection the model file keeps a posterior: moves of the parameters, and weights of lags of
+all its drives, which stand for what a kind of response leaves out of its shape; and by what lags
+other kinds differ that came as near (`thermaltool.fitting.discrepancy`). It holds for all drives
+together, estimated or measured. Of a sensor, and without a posterior, the covariance of each term's
+parameters counts.
 """
 
 from __future__ import annotations
@@ -31,9 +32,6 @@ TRIAL_SHARE = 0.05
 MIN_EFFECT = 1e-4
 # Relative move of a parameter from which its slope is taken.
 OWN_MOVE = 1e-3
-# Directions of a posterior that change a whole record by less, over the noise of a reading (a root
-# of a sum of squares), are left out: one row is off by less than a hundredth of the noise.
-MIN_CHANGE = 0.1
 
 
 @dataclass(frozen=True)
@@ -86,10 +84,12 @@ def acting_drives(estimator: Estimator, columns: Float, initial: Initial) -> dic
     return found
 
 
-def output_changes(
+def sensor_changes(
     model: Model, output: Output, time: Float, acting: Mapping[str, ActingDrive]
 ) -> Float:
-    """Changes of an output, independent of each other, by one standard deviation, shape (k, n).
+    """Changes of a sensor, independent of each other, by one standard deviation, shape (k, n).
+
+    By the covariance of the parameters of each term.
 
     Parameters
     ----------
@@ -101,62 +101,65 @@ def output_changes(
         Drives that are not there count for nothing.
     """
     lags = sensor_time_constants(model, output.channel)
-    terms = [t for t in model.terms if t.output == output.channel and t.drive in acting]
-    known = output.fit.get("discrepancy")
-    if output.role == "deflection" and known and all(t.band is None for t in terms):
-        return _by_posterior(model, known, terms, lags, time, acting)
     changes = [
         (acting[term.drive].through(other, time) - acting[term.drive].through(own, time))
         / TRIAL_SHARE
-        for term in terms
+        for term in model.terms
+        if term.output == output.channel and term.drive in acting
         for own, other in _directions(model, term, lags)
     ]
     return np.array(changes).reshape(len(changes), len(time))
 
 
-def _by_posterior(
-    model: Model,
-    known: Mapping[str, Any],
-    terms: list[Term],
-    lags: list[float],
-    time: Float,
-    acting: Mapping[str, ActingDrive],
+def deflection_variance(
+    model: Model, output: Output, time: Float, acting: Mapping[str, ActingDrive]
 ) -> Float:
+    """Variance of a deflection that is foretold from its drives, shape (n,).
+
+    Where its zero is free, of its change since the first row.
+
+    Parameters
+    ----------
+    model, output, time, acting
+        As for `sensor_changes`.
+    """
+    if output.offset == "first":
+        acting = {k: replace(a, values=a.values - a.start, start=0.0) for k, a in acting.items()}
+    known = output.fit.get("discrepancy")
+    terms = {t.drive: t for t in model.terms if t.output == output.channel}
+    single = sum(t.output == output.channel for t in model.terms) == len(terms)
+    names = {drive for drive, _ in known["parameters"]} if known else set()
+    if not known or not single or not names <= set(terms):
+        return np.asarray(np.sum(sensor_changes(model, output, time, acting) ** 2, axis=0))
+    none = np.zeros(len(time))
+    own = [
+        _slope(model, terms[drive], name, time, acting[drive]) if drive in acting else none
+        for drive, name in known["parameters"]
+    ]
+    lags = [
+        lagged(time, each.values, tau, each.hold, each.start) if (each := acting.get(drive))
+        else none
+        for drive, tau in known["lags"]
+    ]  # fmt: skip
     covariance = np.array(known["covariance"], float)
-    of_drive = {term.drive: term for term in terms}
-    columns = []
-    for drive, name in known["parameters"]:
-        there = drive in of_drive
-        columns.append(_slope(model, of_drive[drive], name, lags, time, acting[drive])
-                       if there else np.zeros(len(time)))  # fmt: skip
-    for drive, tau in known["lags"]:
-        each = acting.get(drive)
-        columns.append(np.zeros(len(time)) if each is None
-                       else lagged(time, each.values, tau, each.hold, each.start))  # fmt: skip
-    if spread := known.get("spread"):
-        # Which of several kinds of response is true the calibration could not tell.
-        own = len(known["parameters"])
-        differ = np.array(spread, float)
-        covariance[own:, own:] += differ.T @ differ / len(differ)
     scale = np.sqrt(np.maximum(np.diag(covariance), 0.0))
     scale[scale == 0] = 1.0
     values, vectors = np.linalg.eigh(covariance / np.outer(scale, scale))
     root = scale[:, None] * vectors * np.sqrt(np.maximum(values, 0.0))
-    changes = np.array(columns).T @ root
-    # What they do together in few directions, the largest first.
-    left, sizes, _ = np.linalg.svd(changes, full_matrices=False)
-    kept = sizes > MIN_CHANGE * float(known["white_sigma"])
-    return np.asarray((left[:, kept] * sizes[kept]).T)
+    variance = np.sum(np.square(np.array([*own, *lags]).T @ root), axis=1)
+    if spread := known.get("spread"):
+        # Which of several kinds of response is true the calibration could not tell. Their median:
+        # one of them may go anywhere beyond what the calibration has seen.
+        variance = variance + np.median(np.square(np.array(spread) @ np.array(lags)), axis=0)
+    return np.asarray(variance)
 
 
-def _slope(
-    model: Model, term: Term, name: str, lags: list[float], time: Float, acting: ActingDrive
-) -> Float:
+def _slope(model: Model, term: Term, name: str, time: Float, acting: ActingDrive) -> Float:
     """Change of an output per unit of a parameter: of its logarithm where it is searched so."""
     response: Any = term.response
     value = getattr(response, name)
     size = max((abs(getattr(response, each)) for each in response.gains), default=1.0) or 1.0
-    own = acting.through(lagged_modes(response.modes(model.sample_period), *lags), time)
+    own = acting.through(response.modes(model.sample_period), time)
     for step in (OWN_MOVE, -OWN_MOVE):
         is_log = name in response.searched
         moved = value * np.exp(step) if is_log else value + step * size
@@ -165,7 +168,7 @@ def _slope(
         except (ModelError, ValueError):  # at the end of its range: the other way
             continue
         by = step if is_log else step * size
-        return np.asarray((acting.through(lagged_modes(other, *lags), time) - own) / by)
+        return np.asarray((acting.through(other, time) - own) / by)
     return np.zeros(len(time))
 
 

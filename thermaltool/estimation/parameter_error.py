@@ -11,7 +11,11 @@ from collections.abc import Callable, Mapping
 
 import numpy as np
 
-from thermaltool.estimation.calibration_error import ActingDrive, output_changes
+from thermaltool.estimation.calibration_error import (
+    ActingDrive,
+    deflection_variance,
+    sensor_changes,
+)
 from thermaltool.estimation.estimator import KalmanEstimator
 from thermaltool.model import Model
 from thermaltool.responses.modes import Float
@@ -72,11 +76,9 @@ def parameter_variance(
         name = output.channel
         if name in kalman.outputs:
             at = drives + kalman.outputs.index(name)
-            variance[:, at] += np.sum(
-                np.square(output_changes(model, output, time, acting)), axis=0
-            )
+            variance[:, at] += deflection_variance(model, output, time, acting)
         elif name in kalman.sensors:
-            for change in output_changes(model, output, time, acting):
+            for change in sensor_changes(model, output, time, acting):
                 wrong = np.zeros(readings.shape)
                 wrong[:, kalman.sensors.index(name)] = change
                 wrong[missing] = np.nan
