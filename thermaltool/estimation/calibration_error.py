@@ -30,6 +30,8 @@ from thermaltool.responses.modes import Float, Hold, Modes
 TRIAL_SHARE = 0.05
 # Directions that move a response by less than this share of its steady state are left out.
 MIN_EFFECT = 1e-4
+# Rows whose variance is worked out at a time: a bound of memory.
+ROWS_TOGETHER = 50_000
 # Relative move of a parameter from which its slope is taken.
 OWN_MOVE = 1e-3
 
@@ -146,11 +148,14 @@ def deflection_variance(
     scale[scale == 0] = 1.0
     values, vectors = np.linalg.eigh(covariance / np.outer(scale, scale))
     root = scale[:, None] * vectors * np.sqrt(np.maximum(values, 0.0))
-    variance = np.sum(np.square(np.array([*own, *lags]).T @ root), axis=1)
+    columns, variance = np.array([*own, *lags]), np.empty(len(time))
+    for first in range(0, len(time), ROWS_TOGETHER):
+        rows = slice(first, first + ROWS_TOGETHER)
+        variance[rows] = np.sum(np.square(columns[:, rows].T @ root), axis=1)
     if spread := known.get("spread"):
         # Which of several kinds of response is true the calibration could not tell. Their median:
         # one of them may go anywhere beyond what the calibration has seen.
-        variance = variance + np.median(np.square(np.array(spread) @ np.array(lags)), axis=0)
+        variance = variance + np.median(np.square(np.array(spread) @ columns[len(own) :]), axis=0)
     return np.asarray(variance)
 
 
