@@ -149,10 +149,13 @@ def test_a_warm_start_is_estimated_where_all_is_smoothed(thermaltool, files):
     header, *rows = files.log.read_text().splitlines()
     warm = "\n".join([header, *rows[110:]]) + "\n"
     arguments = "estimate", files.kalman, "-", "--json", "-o", files.folder / "o.csv"
-    cold = thermaltool(*arguments, "--smooth", stdin=warm)
+    cold = thermaltool(*arguments, "--smooth", "--initial", "rest", stdin=warm)
     assert "see --initial settled or free" in cold.err
     free = thermaltool(*arguments, "--smooth", "--initial", "free", stdin=warm)
     assert "at the start" not in free.err
+    found = thermaltool(*arguments, "--smooth", stdin=warm)
+    assert "at the start is not rest: the state there is estimated" in found.err
+    assert found.json == free.json
     assert agreed(free, "d_x_um")["band"] < 0.5 * agreed(cold, "d_x_um")["band"]
     refused = thermaltool(*arguments, "--initial", "free", stdin=warm)
     assert refused.code == 2

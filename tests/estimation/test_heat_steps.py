@@ -11,6 +11,7 @@ from scipy.stats import multivariate_normal
 
 from thermaltool.estimation import heat_steps, smoother, step_search
 from thermaltool.estimation.estimator import KalmanEstimator, SensorNoise
+from thermaltool.estimation.even_clock import steps_on_any_clock
 from thermaltool.estimation.even_smoother import EvenSmoother
 from thermaltool.estimation.heat_steps import find_steps, smooth_with_steps, why_no_steps
 from thermaltool.estimation.likelihood import fit_sizes
@@ -301,3 +302,50 @@ def test_a_warm_machine_has_had_steps_before_the_first_row():
         both = smooth_with_steps(found, time, readings, LEVEL)
         off.append(((both.estimates - np.column_stack([heat, warm])[cut:]) / both.sigma)[:30])
     assert np.sqrt(np.mean(np.square(off))) < 1.5
+
+
+def jittered(generator, heat, period=DT, pause=0):
+    """Rows that come up to a third of a sample late, and some not at all, of a step known."""
+    kalman = machine()
+    late = generator.uniform(0, period / 3, len(heat))
+    clock = period * np.arange(len(heat)) + late
+    fine, x, at = 0.1, np.zeros(kalman.modal), 0
+    space = replace(kalman, outputs=(), followed=()).state_space(fine)
+    modal = kalman.modal - len(kalman.followed[0][2].poles)
+    F, G, H = space.F[:modal, :modal], space.F[:modal, modal], space.H[:, :modal]
+    x, read = np.zeros(modal), []
+    for k in range(round(clock[-1] / fine) + 2):
+        while at < len(clock) and clock[at] <= k * fine:
+            read.append(H @ x)
+            at += 1
+        x = F @ x + G * heat[min(int(k * fine / period), len(heat) - 1)]
+    read = np.array(read) + WHITE * generator.normal(size=(len(read), 2))
+    kept = (np.arange(len(heat)) < 60) | (np.arange(len(heat)) >= 60 + pause)
+    return kalman, clock[kept], read[kept]
+
+
+@pytest.mark.parametrize("pause", [0, 25])
+def test_steps_are_found_where_rows_jitter(pause):
+    heat = np.repeat([0.0, 10.0, 3.0], [20, 80, 100])
+    kalman, time, readings = jittered(np.random.default_rng(21), heat, pause=pause)
+    time, readings, there = with_pauses(time, readings)
+    assert why_no_steps(kalman, time, readings, LEVEL, there) == "the clock is uneven"
+    kalman = fit_sizes(kalman, time, readings).estimator
+    found, reason = steps_on_any_clock(kalman, time, readings, LEVEL, "rest", there)
+    assert reason == ""
+    assert found.are_likelier
+    # A step amid a sample is one in two rows.
+    apart = np.abs(np.subtract.outer(time[np.flatnonzero(found.likeliest)], [80.0, 400.0]))
+    assert apart.min(axis=0).max() < 1.5 * DT
+    assert apart.min(axis=1).max() < 1.5 * DT
+    smoothed = smooth_with_steps(found, time, readings, LEVEL)
+    off = smoothed.estimates[there, 0] - heat[np.minimum(time[there] / DT, 199).astype(int)]
+    assert np.sqrt(np.mean(off**2)) < 1.0
+
+
+def test_why_no_steps_says_what_there_is_most_of():
+    kalman, (_, readings) = machine(), duty(200)
+    time = DT * np.arange(200) + 100 * DT * (np.arange(200) // 12)
+    time, readings, there = with_pauses(time, readings)
+    assert why_no_steps(kalman, time, readings, LEVEL, there) == "there are too many pauses"
+    assert steps_on_any_clock(kalman, time, readings, LEVEL, "rest", there)[0] is None

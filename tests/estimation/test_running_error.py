@@ -45,7 +45,7 @@ def test_errors_of_drawn_machines_are_as_large_as_told(initial):
     x = drawn(start)
     found = np.zeros_like(x)
     if initial == "settled":
-        found = read(x) @ own.first_state(DT, np.ones(1), True)[None, :]
+        found = read(x) @ own.start(DT, np.ones(1), True)[None, :]
     rms = [np.sqrt(np.mean(((found - x) @ space.C.T) ** 2, axis=0))]
     for _ in range(rows - 1):
         x = x @ space.F.T + drawn(space.Q)

@@ -268,7 +268,7 @@ def estimate(
     model: ModelLike,
     data: Data,
     *,
-    initial: Literal["rest", "settled", "free"] = "rest",
+    initial: Literal["auto", "rest", "settled", "free"] = "auto",
     smooth: bool = False,
     lag: float | None = None,
     walk: float | Literal["likelihood", "design"] | None = None,
@@ -291,9 +291,10 @@ def estimate(
     model : Model with a design, a result that holds one, str or path
         From `regularize`.
     data : str, path, pandas.DataFrame or Record
-    initial : {"rest", "settled", "free"}
-        The machine at the first row: cold, settled at the first readings, or, with `smooth`, in a
-        state that is estimated.
+    initial : {"auto", "rest", "settled", "free"}
+        The machine at the first row: at rest in what is measured there (a room of any
+        temperature), settled at all first readings, or, with `smooth`, in a state that is
+        estimated. "auto" takes rest, with `smooth` unless the first readings contradict it.
     smooth : bool
         Each estimate rests on all readings of the record, later ones included. With `nan_policy`
         "hold" a sensor's missing readings count as none.
@@ -349,7 +350,7 @@ def estimate(
     from thermaltool.estimation.deconvolution import DeconvolutionPlan
     from thermaltool.estimation.lookahead import Lookahead
     from thermaltool.estimation.pipeline import EstimatorPipeline
-    from thermaltool.model import NOT_AT_REST
+    from thermaltool.model import NOT_AT_REST, UNTOLD_REST
     from thermaltool.report.text import (
         excursion_message,
         look_messages,
@@ -376,9 +377,13 @@ def estimate(
         warn(sentence)
     for sentence in (*stuck_messages(log, need), *period_messages(log, model)):
         warn(sentence)
-    not_at_rest = f"{NOT_AT_REST} or free" if smooth else NOT_AT_REST
+    not_at_rest = "is not rest: the state there is estimated"
+    if found.initial == "rest":
+        not_at_rest = f"{NOT_AT_REST} or free" if smooth else NOT_AT_REST
     for column, value in found.not_at_rest.items():
         warn(row_message(log, 0, f"{column}: {value:.4g} at the start {not_at_rest}"))
+    for column, value in found.untold_rest.items():
+        warn(row_message(log, 0, f"{column}: {value:.4g} at the start {UNTOLD_REST}"))
     for excursion in found.excursions:
         warn(excursion_message(log, excursion))
     known = "the drives are held or run on"

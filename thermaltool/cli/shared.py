@@ -78,14 +78,16 @@ initial_option: Decorator = click.option(
     "--initial",
     type=click.Choice(["rest", "settled"]),
     default="rest",
-    help="The machine at the first row: cold, or settled at the first readings.",
+    help="The machine at the first row: at rest in what is measured there (a room), or settled at "
+    "all first readings.",
 )
 free_initial_option: Decorator = click.option(
     "--initial",
-    type=click.Choice(["rest", "settled", "free"]),
-    default="rest",
-    help="The machine at the first row: cold, settled at the first readings, or, with --smooth, "
-    "free: its state is estimated.",
+    type=click.Choice(["auto", "rest", "settled", "free"]),
+    default="auto",
+    help="The machine at the first row: at rest in what is measured there, settled at all first "
+    "readings, or, with --smooth, free: its state is estimated. With --smooth auto is rest unless "
+    "the first readings contradict it, and free then; else it is rest.",
 )
 quiet_option: Decorator = click.option("-q", "--quiet", count=True, help="Less on stderr.")
 rmse_option: Decorator = click.option(

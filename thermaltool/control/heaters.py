@@ -61,7 +61,7 @@ class Stabilizer:
         self.start(dict.fromkeys((d.channel for d in self.read), 0.0))
 
     def start(self, readings: Mapping[str, float], settled: bool = False) -> None:
-        """At rest, or settled at the first readings with the heater off.
+        """At rest in what is measured, or settled at the first readings with the heater off.
 
         Parameters
         ----------
@@ -69,7 +69,7 @@ class Stabilizer:
             All of `read`, relative to their references.
         """
         self._time, self._last = 0.0, dict(readings)
-        self._outputs = self._recursion.start(0.0, self._row(readings, 0.0), settled)
+        self._outputs = self._recursion.start(0.0, self._row(readings, 0.0), settled, True)
 
     def advance(self, dt: float, readings: Mapping[str, float], power: float) -> None:
         """Go on by `dt` [s] to new readings; the heater stood at `power` meanwhile.

@@ -16,7 +16,7 @@ from thermaltool.estimation.innovation_test import Alarm
 from thermaltool.estimation.lookahead import Lookahead, look
 from thermaltool.estimation.model_departure import ModelDeparture
 from thermaltool.estimation.pipeline import EstimatorPipeline
-from thermaltool.estimation.start import Initial
+from thermaltool.estimation.start import Initial, Start
 from thermaltool.model import (
     Excursion,
     Model,
@@ -48,6 +48,8 @@ class EstimatedRecord:
         What these count from in the record.
     not_at_rest : mapping of column to float
         First readings, relative to rest, that contradict a machine at rest.
+    untold_rest : mapping of column to float
+        Those of surroundings far from the calibration's, where no sensor tells of the machine.
     excursions : tuple of Excursion
         Where true values behind the readings leave what the calibration has seen,
     extrapolated : tuple of Excursion
@@ -69,6 +71,8 @@ class EstimatedRecord:
         Of the machine since its calibration, where the readings are much likelier with it.
     departure : ModelDeparture or None
         Errors of the model that the readings make likely.
+    initial : {"rest", "settled", "free"}
+        How the machine was taken to begin.
     """
 
     time: Float
@@ -86,6 +90,8 @@ class EstimatedRecord:
     no_steps: str = ""
     change: Change | None = None
     departure: ModelDeparture | None = None
+    initial: Initial = "rest"
+    untold_rest: Mapping[str, float] = field(default_factory=dict)
 
     def columns(self) -> dict[str, Float]:
         """The table: ``time_s``, the estimates and their standard errors."""
@@ -97,7 +103,7 @@ def estimate(
     model: Model,
     pipeline: EstimatorPipeline,
     record: Record,
-    initial: Initial = "rest",
+    initial: Start = "auto",
     how: Lookahead | None = None,
 ) -> EstimatedRecord:
     """Estimates of a whole record, equal to those of the stream line by line unless `how` says.
@@ -109,9 +115,10 @@ def estimate(
         Of the same model.
     record : Record
         The columns that the pipeline reads; without NaN, but for sensors where all is smoothed.
-    initial : {"rest", "settled", "free"}
-        The machine at the first row: at rest, settled at the first readings, or, where all is
-        smoothed, in a state that is estimated.
+    initial : {"auto", "rest", "settled", "free"}
+        The machine at the first row: at rest in what is measured there, settled at the first
+        readings, or, where all is smoothed, in a state that is estimated. "auto" takes rest, where
+        all is smoothed unless the first readings contradict it.
     how : Lookahead, optional
         Which later readings count, and whether standard errors are told.
 
@@ -126,8 +133,9 @@ def estimate(
     rests = {o.channel: o.offset for o in model.outputs}
     behind, not_at_rest = dict(record.columns), {}
     # Sensors come first; of a scheduled drive the estimator takes more than its one column.
+    at_rest, may_rest = pipeline.at_rest(record.time, true_values), initial in ("auto", "rest")
     columns = zip(pipeline.estimator.sensors, pipeline.input_columns, true_values.T, strict=False)
-    for name, column, values in columns:
+    for k, (name, column, values) in enumerate(columns):
         read = np.isfinite(record.column(column.column))
         if len(none := np.flatnonzero(np.isnan(values) & read)):
             message = f"no truth gives this reading ({counted(len(none), 'row')})"
@@ -135,8 +143,11 @@ def estimate(
         if column.sensor and column.calibrated is not None:
             rest = rests[name]
             behind[name] = values + (0.0 if rest == "first" else rest)
-            if initial == "rest" and len(values) and away_from_rest(values[0], column.calibrated):
-                not_at_rest[column.column] = float(values[0])
+            above = values[:1] - at_rest[k]
+            if may_rest and len(above) and away_from_rest(above[0], column.calibrated):
+                not_at_rest[column.column] = float(above[0])
+    if initial == "auto":
+        initial = "free" if how is not None and how.smooth and not_at_rest else "rest"
     sigma: dict[str, Float] = {}
     sizes, alarm, deconvolved, steps, no_steps, change = None, None, None, None, "", None
     departure = None
@@ -181,6 +192,8 @@ def estimate(
         no_steps,
         change,
         departure,
+        initial,
+        pipeline.untold_rest(true_values) if may_rest else {},
     )
 
 

@@ -51,6 +51,12 @@ class Estimator(Protocol):
     def recursion(self, dt: float) -> Recursion:
         """From columns to estimates, over a sample of `dt` [s]."""
 
+    def start(self, dt: float, readings: Float, settled: bool = False) -> Float:
+        """State at the first readings; see `LinearEstimator.start`."""
+
+    def at_rest(self, dt: float, readings: Float) -> Float:
+        """What the sensors of a machine at rest read; see `LinearEstimator.at_rest`."""
+
     def run(self, time: Float, readings: Float, settled: bool = False) -> Float:
         """Estimates for a whole record; see `LinearEstimator.run`."""
 
@@ -153,19 +159,6 @@ class KalmanEstimator(LinearEstimator):
         space = self.state_space(dt)
         P = space.predicted()
         return P, space.filter_gain(P)
-
-    def first_state(self, dt: float, readings: Float, settled: bool) -> Float:
-        """State at the first readings, shape (n,): at rest, or settled at them.
-
-        Parameters
-        ----------
-        dt : float [s]
-        readings : ndarray, shape (n_sensors,)
-        settled : bool
-        """
-        if settled:
-            return self.recursion(dt).settled(readings)
-        return np.zeros(len(self.state_space(dt).F))
 
     def start_covariance(self, dt: float, level: Sequence[float], initial: Initial) -> Float:
         """Covariance of the state at a first reading, of which nothing is known but the start.

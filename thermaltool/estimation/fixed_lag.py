@@ -130,7 +130,7 @@ class FixedLag:
         settled : bool
         """
         first = self._sample(self._period)
-        self._x = self._estimator.first_state(self._period * CLOCK_STEP, readings, settled)
+        self._x = self._estimator.start(self._period * CLOCK_STEP, readings, settled)
         self._now, self._even = 0, 1
         self._rows = deque([_Row(0, self._period, first.C @ self._x, np.zeros(len(readings)))])
 

@@ -8,6 +8,7 @@ expected of an innovation (the Kalman filter as it is, sample by sample). It nee
 from __future__ import annotations
 
 from collections.abc import Sequence
+from typing import Any
 
 import numpy as np
 
@@ -33,6 +34,13 @@ class FreeStart:
         The usual sample.
     level : sequence of float, one for each drive
         Standard deviation of the heat that the machine has had [unit of the drive].
+    kept : list, optional
+        What `state` gave, to go on from.
+
+    Raises
+    ------
+    ValueError
+        Not a state of this filter.
 
     Attributes
     ----------
@@ -42,10 +50,26 @@ class FreeStart:
         Whether the last innovation rests on the rows before it more than on the start.
     """
 
-    def __init__(self, estimator: KalmanEstimator, dt: float, level: Sequence[float]) -> None:
+    def __init__(
+        self,
+        estimator: KalmanEstimator,
+        dt: float,
+        level: Sequence[float],
+        kept: list[Any] | None = None,
+    ) -> None:
         self._estimator = estimator
         self._P = estimator.start_covariance(dt, level, "free")
         self.over = self.counts = False
+        if kept is not None:
+            P = np.array(kept, float)
+            if P.shape != self._P.shape or not np.isfinite(P).all():
+                raise ValueError("not a state of this filter")
+            self._P = P
+
+    def state(self) -> list[Any]:
+        """The covariance, as JSON."""
+        found: list[Any] = self._P.tolist()
+        return found
 
     def first(self, dt: float, reading: Float) -> Float:
         """The state after the first reading, shape (n,)."""

@@ -99,6 +99,10 @@ class GainTest:
         self._age = self._due = 0.0
         self.value = 0.0
 
+    def forget_state(self) -> None:
+        """The filter begins anew, and knows nothing of other gains; what was found stays."""
+        self._moved[:] = 0.0
+
     def step(self, over: WhitenedSample, signals: Float, z: Float, dt: float, counts: bool) -> None:
         """Take a row.
 

@@ -17,8 +17,10 @@ from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
+from numpy.typing import NDArray
 
 from thermaltool.estimation.estimator import KalmanEstimator
+from thermaltool.estimation.pauses import LONG_SAMPLE
 from thermaltool.estimation.smoother import Smoothed, predicted, smooth
 from thermaltool.estimation.start import Initial
 from thermaltool.estimation.step_search import Places, StepSearch, places_of
@@ -117,7 +119,11 @@ def smooth_with_steps(
 
 
 def why_no_steps(
-    kalman: KalmanEstimator, time: Float, readings: Float, level: Sequence[float]
+    kalman: KalmanEstimator,
+    time: Float,
+    readings: Float,
+    level: Sequence[float],
+    there: NDArray[np.bool_] | None = None,
 ) -> str:
     """Why steps are not looked for in a record; empty where they are.
 
@@ -128,6 +134,8 @@ def why_no_steps(
     time : ndarray, shape (n,) [s], increasing
     readings : ndarray, shape (n, n_sensors)
     level : sequence of float, one for each drive [unit of the drive]
+    there : ndarray of bool, shape (n,), optional
+        Which rows are those of the record, not of its pauses. Default: all.
     """
     if len(kalman.drives) > 1:
         # What a model gets wrong of one drive is taken for steps of the other.
@@ -137,8 +145,15 @@ def why_no_steps(
         return "the clock is uneven"
     read = np.count_nonzero(np.isfinite(readings).any(axis=1))
     if sum(run.stop - run.start for run in even_runs(time, readings)) < MOST * read:
-        missing = not np.isfinite(readings).all()
-        return "too many readings are missing" if missing else "the clock is uneven"
+        own = slice(None) if there is None else there
+        samples = np.diff(time[own]) / np.median(np.diff(time[own]))
+        pauses, uneven = samples > LONG_SAMPLE, np.abs(samples - 1) > MAX_UNEVEN
+        shares = {
+            "too many readings are missing": np.mean(~np.isfinite(readings[own]).all(axis=1)),
+            "the clock is uneven": np.mean(uneven & ~pauses),
+            "there are too many pauses": np.mean(pauses),
+        }
+        return max(shares, key=lambda each: shares[each])
     if kalman.walk[0] * math.sqrt(float(np.ptp(time))) < STANDSTILL * level[0]:
         return "the heat stands still"
     if read > MAX_ROWS:

@@ -45,9 +45,13 @@ MAX_NIS = 2.0
 MAX_DRIFT = 5.0
 # What a model gets wrong of a sensor lasts so long [s]: it shows while a heat changes.
 MISFIT_TIME = 60.0
-# After a pause of more than so many periods the heat may be any, which the steady gain follows in a
-# while: so long [s], and for as many periods, nothing is tested.
+# After a pause of more than so many periods the machine may be warm in any way. Where a response
+# does not decay the heat may be any, which the steady gain follows in a while: so long [s], and for
+# as many periods, nothing is tested.
 MAX_PAUSE, BLIND_TIME = 5, 60.0
+# A first reading further from rest than so many standard deviations of noise and model says that
+# the machine is warm [1].
+MAX_REST = 5.0
 # Ratios are tested where signals are so many times what is expected of an innovation (whitened):
 # the heat of a machine that idles is noise, which answers in no ratio.
 MIN_SIGNAL = 10.0
@@ -99,6 +103,9 @@ class InnovationTest:
         For each sensor what the model leaves of it beside noise [unit of the sensor].
     gain_error : sequence of float, optional
         That over the sensor's signal [1]; without it the ratios of the sensors are not tested.
+    level : sequence of float, one for each drive, optional
+        Standard deviation of the heat that a warm machine has had [unit of the drive]; without it
+        every machine begins at rest, and a pause leaves the heat as it was.
 
     Attributes
     ----------
@@ -120,7 +127,9 @@ class InnovationTest:
         period: float,
         model_error: Sequence[float],
         gain_error: Sequence[float] = (),
+        level: Sequence[float] = (),
     ) -> None:
+        self._level = tuple(level)
         self._filter = checking_filter(estimator, model_error)
         noise = self._filter.noise
         self._period = max(round(period / CLOCK_STEP), 1)
@@ -149,38 +158,42 @@ class InnovationTest:
         weight = min(-math.expm1(-dt / WINDOW), 1 / WINDOW_ROWS)
         return WhitenedSample.of(space.F, space.H, G, S), weight
 
-    def start(self, readings: Float, settled: bool = False) -> None:
-        """Begin at the first readings: at rest, or settled at them.
+    def start(self, readings: Float, initial: Initial = "rest") -> None:
+        """Begin at the first readings.
+
+        Of a machine that is warm rows count as soon as they tell of it more than of its start.
 
         Parameters
         ----------
         readings : ndarray, shape (n_sensors,)
-        settled : bool
-        """
-        self._begin(self._filter.first_state(self._period * CLOCK_STEP, readings, settled))
-
-    def start_free(self, readings: Float, level: Sequence[float]) -> None:
-        """Begin at the first readings of a machine that is warm, of which no more is known.
-
-        Rows count as soon as they tell of the machine more than of its start.
-
-        Parameters
-        ----------
-        readings : ndarray, shape (n_sensors,)
-        level : sequence of float, one for each drive
-            Standard deviation of the heat that it has had [unit of the drive].
+        initial : {"rest", "settled", "free"}
+            At rest, settled at the readings, or warm, of which no more is known; free of a response
+            that does not decay: at rest. So is a machine at rest that reads otherwise.
         """
         dt = self._period * CLOCK_STEP
-        unknown = FreeStart(self._filter, dt, level)
-        self._begin(unknown.first(dt, readings))
-        self._unknown = unknown
-
-    def _begin(self, state: Float) -> None:
-        self._x, self._unknown = state, None
+        self._x, self._unknown = self._filter.start(dt, readings, initial == "settled"), None
         self._blind = 0
         self.nis, self.drift, self.counted = 1.0, 1.0, False
         if self._gains is not None:
             self._gains.start(len(self._x))
+        noise = [math.hypot(each.white, each.drift) for each in self._filter.noise]
+        warm = bool(np.any(np.abs(readings) > MAX_REST * np.array(noise)))
+        if initial == "free" or (initial == "rest" and warm):
+            self._free(readings)
+
+    def _free(self, readings: Float) -> bool:
+        """Go on from a reading of a machine that is warm, if any; means and sums stay."""
+        if not self._level:
+            return False
+        dt = self._period * CLOCK_STEP
+        with suppress(FitError):
+            unknown = FreeStart(self._filter, dt, self._level)
+            self._x, self._unknown = unknown.first(dt, readings), unknown
+            if self._gains is not None:
+                self._gains.forget_state()
+            self._blind, self.counted = 0, False
+            return True
+        return False
 
     def step(self, ticks: int, readings: Float) -> None:
         """Take the readings after a sample of `ticks` clock steps.
@@ -190,6 +203,8 @@ class InnovationTest:
         ticks : int
         readings : ndarray, shape (n_sensors,)
         """
+        if ticks > MAX_PAUSE * self._period and self._free(readings):
+            return
         sample, weight = self._sample(ticks)
         counts = self._blind <= 0
         if self._unknown is not None:
@@ -247,7 +262,8 @@ class InnovationTest:
     def state(self) -> list[Any]:
         """For `resume`, as JSON."""
         gains = [] if self._gains is None else [self._gains.state()]
-        return [self._x.tolist(), self.nis, self.drift, self._blind, *gains]
+        unknown = [] if self._unknown is None else [{"start": self._unknown.state()}]
+        return [self._x.tolist(), self.nis, self.drift, self._blind, *gains, *unknown]
 
     def resume(self, values: list[Any]) -> None:
         """Go on from a state.
@@ -257,12 +273,18 @@ class InnovationTest:
         ValueError
             Not a state of this test.
         """
-        x, nis, drift, blind, *gains = values
+        x, nis, drift, blind, *more = values
+        unknown = [each["start"] for each in more if isinstance(each, dict)]
+        gains = more[: len(more) - len(unknown)]
         state = np.array(x, float)
         if state.shape != self._x.shape or not np.isfinite([*state, nis, drift]).all():
             raise ValueError("not a state of this test")
-        if len(gains) != (self._gains is not None):
+        if len(gains) != (self._gains is not None) or len(unknown) > 1:
             raise ValueError("not a state of this test")
+        self._unknown = None
+        for each in unknown:
+            dt = self._period * CLOCK_STEP
+            self._unknown = FreeStart(self._filter, dt, self._level, each)
         if self._gains is not None:
             self._gains.start(len(state))
             self._gains.resume(*gains)
@@ -334,7 +356,6 @@ def record_alarm(
     time: Float,
     readings: Float,
     initial: Initial = "rest",
-    level: Sequence[float] = (),
 ) -> Alarm:
     """Whether, and from which row on, the test says that model and machine have parted.
 
@@ -346,19 +367,15 @@ def record_alarm(
     readings : ndarray, shape (n, n_sensors)
         Rows with NaN are passed over.
     initial : {"rest", "settled", "free"}
-        The machine at the first row; free of a response that does not decay: at rest.
-    level : sequence of float, one for each drive
-        Of a free start, as for `InnovationTest.start_free`.
+        The machine at the first row; see `InnovationTest.start`.
     """
     if not test.can_tell:
         return Alarm(NOT_POSSIBLE, test.blind_spot)
     rows = np.flatnonzero(np.isfinite(readings).all(axis=1))
     if len(rows) < 2:
         return Alarm(NOT_POSSIBLE, "no alarm is possible: no two rows have readings of all sensors")
-    test.start(readings[rows[0]], initial == "settled")
-    if initial == "free":
-        with suppress(FitError):
-            test.start_free(readings[rows[0]], level)
+    # Whatever the machine has done before its sensors are read is not known.
+    test.start(readings[rows[0]], "free" if rows[0] else initial)
     ticks = np.round(np.diff(time[rows]) / CLOCK_STEP).astype(np.int64).tolist()
     tested = 0
     for length, row in zip(ticks, rows[1:].tolist(), strict=True):

@@ -20,13 +20,17 @@ from thermaltool.estimation.linear_estimator import LinearEstimator
 from thermaltool.estimation.state_space import StateSpace
 from thermaltool.responses.delay import load_modes
 from thermaltool.responses.modes import Float, Hold, Modes, Recursion
-from thermaltool.responses.parallel import InputPath, parallel
+from thermaltool.responses.parallel import InputPath, parallel, settled_state
 from thermaltool.responses.sample_clock import uniform_spans
 
 if TYPE_CHECKING:
     from thermaltool.estimation.estimator import Estimator
 
 Role = Literal["drive", "source", "state", "contact"]
+
+# The machine is cold where its first readings are nearer to the model's zero than to equilibrium
+# with what is measured, by this factor [1].
+MAX_COLD = 0.5
 
 
 @dataclass(frozen=True)
@@ -110,6 +114,11 @@ class KnownInputEstimator(LinearEstimator):
         """Those of `inner`."""
         return self.inner.estimates
 
+    @property
+    def measured(self) -> tuple[bool, ...]:
+        """Which known inputs are measured drives, whose first values a machine at rest has."""
+        return tuple(k.role == "drive" and k.hold == "first" for k in self.known)
+
     def _build(self, dt: float) -> Recursion:
         """x ← F x + G0 (r − S ξ) + G1 (r⁺ − S ξ⁺), y = C x + D ξ, ξ the states of the paths."""
         inner = self.inner.recursion(dt)
@@ -124,13 +133,66 @@ class KnownInputEstimator(LinearEstimator):
             np.hstack([inner.C, D]),
         )
 
-    def contributions(self, time: Float, known: Float) -> tuple[Float, Float]:
+    def start(self, dt: float, readings: Float, settled: bool = False) -> Float:
+        """State at the first readings, shape (n,): at rest in what is measured, or settled.
+
+        A machine at rest has the temperature of its surroundings: the paths of measured drives
+        begin in equilibrium with their first values, unless the sensors say otherwise.
+
+        Parameters
+        ----------
+        dt : float [s]
+        readings : ndarray, shape (n_columns,)
+        settled : bool
+            All drives, heats too, have stood at the first readings for long.
+        """
+        if settled:
+            return super().start(dt, readings, settled)
+        inner = self.inner.recursion(dt)
+        return np.concatenate([np.zeros(len(inner.F)), self.first_paths(dt, readings)])
+
+    def at_rest(self, dt: float, readings: Float) -> Float:
+        """What the sensors of a machine at rest read; see `LinearEstimator.at_rest`."""
+        return self._paths(dt)[1] @ self.first_paths(dt, readings)
+
+    def first_paths(self, dt: float, readings: Float, settled: bool = False) -> Float:
+        """State of the paths at the first readings, shape (n,).
+
+        In equilibrium with the measured drives; at rest where the sensors are much nearer to that:
+        a motor is hot, and the machine behind it still cold.
+
+        Parameters
+        ----------
+        dt : float [s]
+        readings : ndarray, shape (n_columns,)
+            A sensor's may be NaN.
+        settled : bool
+            In equilibrium with all known inputs.
+        """
+        sensors = len(self.inner.sensors)
+        values = np.where(settled or np.array(self.measured), readings[sensors:], np.nan)
+        holds = [k.hold for k in self.known]
+        paths = [*self.to_sensors, *self.to_outputs]
+        state = settled_state(paths, holds, values, dt)
+        read = np.isfinite(readings[:sensors])
+        foretold = (self._paths(dt)[1] @ state)[read]
+        cold, warm = (
+            float(np.linalg.norm(readings[:sensors][read] - each)) for each in (0.0, foretold)
+        )
+        is_cold = not settled and cold < MAX_COLD * warm
+        return np.zeros(len(state)) if is_cold else state
+
+    def contributions(
+        self, time: Float, columns: Float, settled: bool = False
+    ) -> tuple[Float, Float]:
         """What known inputs add to the sensors, and to the estimates, of a whole record.
 
         Parameters
         ----------
         time : ndarray, shape (n,) [s], increasing
-        known : ndarray, shape (n, n_known)
+        columns : ndarray, shape (n, n_columns)
+        settled : bool
+            See `start`.
 
         Returns
         -------
@@ -140,7 +202,9 @@ class KnownInputEstimator(LinearEstimator):
         sensors = len(self.inner.sensors)
         out, x = np.zeros((len(time), sensors + len(self.estimates))), None
         for rows, dt in uniform_spans(time):
-            out[rows], x = self._paths(dt)[0].run(known[rows], x)
+            if x is None:
+                x = self.first_paths(dt, columns[0], settled)
+            out[rows], x = self._paths(dt)[0].run(columns[rows, sensors:], x)
         return out[:, :sensors], out[:, sensors:]
 
     def expected(self, space: StateSpace, dt: float, x: Float, before: Float, now: Float) -> Float:

@@ -18,6 +18,7 @@ from thermaltool.estimation.estimator import KalmanEstimator, SensorNoise
 from thermaltool.estimation.even_smoother import EvenSmoother
 from thermaltool.estimation.start import Initial
 from thermaltool.estimation.state_space import StateSpace
+from thermaltool.record import Rows
 from thermaltool.responses.modes import Float, Recursion
 from thermaltool.responses.sample_clock import CLOCK_STEP, uniform_spans
 
@@ -31,6 +32,9 @@ DRIFT_PRIOR, DRIFT_TIME_PRIOR = 2.0, 1.0
 MAX_STRETCHES = 32
 # Spans of fewer rows are walked through.
 SHORT_SPAN = 32
+# A longer sample, over the usual one [1], is a gap over which nothing is known of the heat.
+# Where there are more of them than these they are samples as others: each costs a start.
+MAX_GAP, MAX_GAPS = 10.0, 8
 # Fewer readings tell no sizes.
 MIN_READINGS = 20
 
@@ -88,7 +92,7 @@ def fit_sizes(
     # Slow to import, and the stream needs none of it.
     from scipy.optimize import minimize
 
-    known = np.isfinite(readings).all(axis=1)
+    known = np.asarray(np.isfinite(readings).all(axis=1))
     if np.sum(known) < MIN_READINGS and pinned:
         return FittedSizes(estimator, 0.0)
     if np.sum(known) < MIN_READINGS:
@@ -96,6 +100,7 @@ def fit_sizes(
             f"{counted(int(np.sum(known)), 'row')} with a reading of every sensor: too few to tell "
             "how fast the heat changes; pin it with --walk"
         )
+    initial = _first(estimator, known, initial, level)
     time, readings = _counted(time[known]), readings[known]
     for name, still in zip(estimator.sensors, np.ptp(readings, axis=0) == 0, strict=True):
         if still and not pinned:
@@ -156,12 +161,12 @@ def log_likelihood(
     FitError
         The filter has no steady state.
     """
-    known = np.isfinite(readings).all(axis=1)
+    known = np.asarray(np.isfinite(readings).all(axis=1))
     if np.sum(known) < MIN_READINGS:
         raise LogError(
             f"{counted(int(np.sum(known)), 'row')} with a reading of every sensor: too few"
         )
-    read = readings[known]
+    read, initial = readings[known], _first(estimator, known, initial, level)
     squares, logs = _innovations(estimator, _counted(time[known]), read, initial, level)
     return -0.5 * float(squares + logs + read.size * np.log(2 * np.pi))
 
@@ -218,6 +223,21 @@ class _SteadyFilter:
         return _SteadyFilter(space, G, S, predictor, float(np.linalg.slogdet(S)[1]))
 
 
+def _first(
+    estimator: KalmanEstimator, known: Rows, initial: Initial, level: Sequence[float]
+) -> Initial:
+    """The machine at the first row that is known: before it, it may have done anything."""
+    return initial if known[:1].all() or not _may_be_warm(estimator, level) else "free"
+
+
+def _may_be_warm(estimator: KalmanEstimator, level: Sequence[float]) -> bool:
+    """Whether a state that is not known has a covariance."""
+    if not level:
+        return False
+    F = estimator.state_space(1.0).F[: estimator.modal, : estimator.modal]
+    return not len(F) or float(np.max(np.abs(np.linalg.eigvals(F)))) < 1.0
+
+
 def _innovations(
     estimator: KalmanEstimator,
     time: Float,
@@ -230,14 +250,22 @@ def _innovations(
     # On an uneven clock stretches are many, lengths of a sample few.
     steady = cache(lambda ticks: _SteadyFilter.of(estimator.state_space(ticks * CLOCK_STEP)))
     innovations: dict[int, tuple[_SteadyFilter, list[Float]]] = {}
+    steps, begins = np.diff(time), initial
+    gap = MAX_GAP * float(np.median(steps)) if len(steps) else np.inf
+    parted = 0 < np.count_nonzero(steps > gap) <= MAX_GAPS and _may_be_warm(estimator, level)
     for rows, dt in uniform_spans(time):
+        if parted and dt > gap:
+            # Nobody knows what the heat did: the machine begins anew, as warm as it may be.
+            x, begins = None, "free"
+            continue
         known = steady(max(round(dt / CLOCK_STEP), 1))
         space = known.space
-        if x is None and initial != "rest":
-            start = estimator.start_covariance(dt, level, initial)
+        if x is None and begins != "rest":
+            start = estimator.start_covariance(dt, level, begins)
             first = EvenSmoother(space, start, rows.stop - rows.start)
-            state, squares = first.start(readings[rows])
-            logs = first.log_determinant
+            state, more = first.start(readings[rows])
+            squares += more
+            logs += first.log_determinant
             predictor = Recursion(first.L, first.K, np.zeros_like(first.K), first.H)
             a = predictor.run(readings[rows], state)[1]
             x = a + space.filter_gain(first.P) @ (readings[rows][-1] - space.H @ a)

@@ -42,6 +42,35 @@ class LinearEstimator:
     def _build(self, dt: float) -> Recursion:
         raise NotImplementedError
 
+    def start(self, dt: float, readings: Float, settled: bool = False) -> Float:
+        """State at the first readings, shape (n,): at rest, or settled at them.
+
+        Parameters
+        ----------
+        dt : float [s]
+        readings : ndarray, shape (n_columns,)
+        settled : bool
+        """
+        if settled:
+            return self.recursion(dt).settled(readings)
+        return np.zeros(len(self.recursion(dt).F))
+
+    def at_rest(self, dt: float, readings: Float) -> Float:
+        """What the sensors of a machine at rest read, relative to the model's zero.
+
+        Parameters
+        ----------
+        dt : float [s]
+        readings : ndarray, shape (n_columns,)
+            The first.
+
+        Returns
+        -------
+        ndarray, shape (n_sensors,)
+            Of the sensors that estimates rest on.
+        """
+        return np.zeros(len(readings))
+
     def run(self, time: Float, readings: Float, settled: bool = False) -> Float:
         """Estimates for a whole record, equal to the stream's sample by sample.
 
@@ -59,7 +88,7 @@ class LinearEstimator:
         out = np.zeros((len(time), len(self.estimates)))
         x = None
         for rows, dt in uniform_spans(time):
-            if settled and x is None:
-                x = self.recursion(dt).settled(readings[0])
+            if x is None:
+                x = self.start(dt, readings[0], settled)
             out[rows], x = self.recursion(dt).run(readings[rows], x)
         return out

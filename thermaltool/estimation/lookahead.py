@@ -10,6 +10,7 @@ import numpy as np
 
 from thermaltool.errors import FitError, LogError, ModelError
 from thermaltool.estimation.bands import gain_errors, model_errors
+from thermaltool.estimation.calibration_error import acting_drives
 from thermaltool.estimation.changed_machine import Change, likeliest_change, with_loss
 from thermaltool.estimation.deconvolution import (
     DeconvolutionPlan,
@@ -18,14 +19,10 @@ from thermaltool.estimation.deconvolution import (
     followed,
 )
 from thermaltool.estimation.estimator import Estimator, KalmanEstimator
+from thermaltool.estimation.even_clock import steps_on_any_clock
 from thermaltool.estimation.fixed_lag import error_variance, fixed_lag
 from thermaltool.estimation.forms import linear_kalman
-from thermaltool.estimation.heat_steps import (
-    HeatSteps,
-    find_steps,
-    smooth_with_steps,
-    why_no_steps,
-)
+from thermaltool.estimation.heat_steps import HeatSteps, smooth_with_steps
 from thermaltool.estimation.innovation_test import (
     WALK_FACTOR,
     Alarm,
@@ -185,12 +182,13 @@ def look(
     sensors = len(kalman.sensors)
     readings, behind = taken[:, :sensors], np.zeros((len(time), len(kalman.estimates)))
     if isinstance(estimator, KnownInputEstimator):
-        before, behind = estimator.contributions(time, taken[:, sensors:])
+        before, behind = estimator.contributions(time, taken, initial == "settled")
         readings = readings - before
     level = drive_levels(model, kalman.drives)
     there = np.ones(len(time), bool)
     if how.smooth:
         time, readings, there = with_pauses(time, readings)
+    known = acting_drives(estimator, taken[np.cumsum(there) - 1], initial)
     if how.plan is not None:
         if settled:
             raise ModelError("--method takes a machine at rest at the first row; --smooth takes "
@@ -227,16 +225,13 @@ def look(
         # What the calibration has left of the sensors is no heat.
         kalman = with_misfit(kalman, model_errors(model, kalman))
 
-    sought = how.may_step and len(time) > 0
-    no_steps = why_no_steps(kalman, time, readings, level) if sought else ""
-    sought = sought and not no_steps
-    steps, is_known = None, change is not None and change.taken
-    if sought and alarm is not None and alarm.word == PARTED and not is_known:
+    steps, no_steps, is_known = None, "", change is not None and change.taken
+    if how.may_step and alarm is not None and alarm.word == PARTED and not is_known:
         no_steps = "model and machine have parted"
-    elif sought:
-        steps = find_steps(kalman, time, readings, level, initial)
-        kalman = steps.estimator if steps.are_likelier else kalman
+    elif how.may_step and len(time) > 0:
+        steps, no_steps = steps_on_any_clock(kalman, time, readings, level, initial, there)
     stepped = steps if steps and steps.are_likelier else None
+    kalman = kalman if stepped is None else stepped.estimator
 
     def estimated(readings: Float, like: KalmanEstimator = kalman) -> Float:
         if how.smooth:
@@ -252,6 +247,15 @@ def look(
             return smoothed_estimates(kalman, time, readings, level, initial, rows)
         return np.array([estimated(each) for each in readings])
 
+    def with_model(sigma: Float, estimates: Float, estimated: Callable[[Float], Float]) -> Float:
+        """Standard errors for a model that is right, and those that its own errors make."""
+        if len(time) < 2:
+            return sigma
+        variance = parameter_variance(
+            model, kalman, time, estimates, readings, estimated, known, begins != "rest"
+        )
+        return np.sqrt(np.square(sigma) + variance)
+
     smoothed = None
     if how.smooth and (how.bands or stepped):
         smoothed = (smooth(kalman, time, readings, level, initial) if stepped is None
@@ -259,17 +263,15 @@ def look(
     estimates = estimated(readings) if smoothed is None else smoothed.estimates
     sigma = None
     if how.bands and smoothed is not None:
-        sigma = _with_parameters(
-            smoothed.sigma, model, kalman, time, estimates, readings, of_several
-        )
+        sigma = with_model(smoothed.sigma, estimates, of_several)
     elif how.bands:
         sigma = _filtered_sigma(kalman, told, time, level, begins, how.lag)
-        if how.walk == "design" and not how.lag:
+        if how.walk == "design" and not how.lag and not known:
             # As a stream has them.
             relative, _, _ = stream_bands(model.estimator_design(), len(kalman.estimates))
             sigma = np.hypot(sigma, np.array(relative) * estimates)
         else:
-            sigma = _with_parameters(sigma, model, kalman, time, estimates, readings, of_several)
+            sigma = with_model(sigma, estimates, of_several)
     if sigma is not None and change is not None and (change.explains or change.kind == "loss"):
         # What a change leaves open that is taken, and all that one does which is not.
         like = replace(kalman, sensed=change.edge.sensed, followed=change.edge.followed)
@@ -294,8 +296,9 @@ def _alarm(
 ) -> Alarm:
     """By the noise of the design: what the record itself tells has seen the contradiction."""
     errors = model_errors(model, designed), gain_errors(model, designed)
-    test = InnovationTest(changed or designed, float(np.median(np.diff(time))), *errors)
-    return record_alarm(test, time, readings, initial, drive_levels(model, designed.drives))
+    period, level = float(np.median(np.diff(time))), drive_levels(model, designed.drives)
+    test = InnovationTest(changed or designed, period, *errors, level)
+    return record_alarm(test, time, readings, initial)
 
 
 def _change(
@@ -343,22 +346,6 @@ def _departure(
     errors = model_errors(model, designed), gain_errors(model, designed)
     level = drive_levels(model, designed.drives)
     return model_departure(about, *errors, time, readings, initial, level)
-
-
-def _with_parameters(
-    sigma: Float,
-    model: Model,
-    kalman: KalmanEstimator,
-    time: Float,
-    estimates: Float,
-    readings: Float,
-    estimated: Callable[[Float], Float],
-) -> Float:
-    """Standard errors for a model that is right, and those that its parameters make."""
-    if len(time) < 2:
-        return sigma
-    variance = parameter_variance(model, kalman, time, estimates, readings, estimated)
-    return np.sqrt(np.square(sigma) + variance)
 
 
 def _filtered_sigma(

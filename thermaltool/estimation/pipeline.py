@@ -31,7 +31,7 @@ from thermaltool.estimation.variable_cooling import (
     VariableFeedforward,
     cooling_effects,
 )
-from thermaltool.model import Model, relative
+from thermaltool.model import Model, away_from_rest, relative
 from thermaltool.responses.modes import Float
 
 
@@ -152,6 +152,37 @@ class EstimatorPipeline:
         taken = np.column_stack(self.estimator_inputs([*true_values.T]))
         estimates = self.estimator.run(time, taken, settled)
         return np.column_stack(self.given_out([*estimates.T]))
+
+    def at_rest(self, time: Float, true_values: Float) -> Float:
+        """What the sensors of a machine at rest read in a record, shape (n_sensors,).
+
+        Parameters
+        ----------
+        time : ndarray, shape (n,) [s], increasing
+        true_values : ndarray, shape (n, n_columns)
+        """
+        if not len(time):
+            return np.zeros(len(self.input_columns))
+        dt = float(time[1] - time[0]) if len(time) > 1 else 1.0
+        return self.estimator.at_rest(dt, np.array(self.estimator_inputs([*true_values[0]])))
+
+    def untold_rest(self, true_values: Float) -> dict[str, float]:
+        """Surroundings far from those of the calibration at the first row, relative to these.
+
+        Where a sensor is read it tells whether the machine has followed them; none here.
+
+        Parameters
+        ----------
+        true_values : ndarray, shape (n, n_columns)
+        """
+        if self.estimates_drives or not len(true_values):
+            return {}
+        pairs = zip(self.input_columns, true_values[0].tolist(), strict=True)
+        return {
+            each.column: value
+            for each, value in pairs
+            if each.tells_rest and each.calibrated and away_from_rest(value, each.calibrated)
+        }
 
     @property
     def passes_inputs(self) -> bool:

@@ -114,7 +114,7 @@ class RunningError:
             space = estimator.state_space(dt)
             # The first state is S times the readings, which are of the state and noise.
             units = np.eye(len(space.H))
-            S = np.stack([self._estimator.first_state(dt, unit, True) for unit in units], axis=1)
+            S = np.stack([self._estimator.start(dt, unit, True) for unit in units], axis=1)
             left = np.eye(len(P)) - S @ space.H
             P = left @ P @ left.T + S @ space.R @ S.T
         self._begin(P)

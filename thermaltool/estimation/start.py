@@ -16,6 +16,8 @@ if TYPE_CHECKING:
 
 # Cold, settled at its heat, or in any state that heat before the record has left.
 Initial = Literal["rest", "settled", "free"]
+# ... or at rest unless the first readings contradict it: free then, where all is smoothed.
+Start = Literal["auto", "rest", "settled", "free"]
 # Samples after which what a state was no longer counts.
 FORGOTTEN = 2**40
 

@@ -163,6 +163,27 @@ class VariableLossEstimator(ABC):
             There is none that the loss leaves alone.
         """
 
+    def start(self, dt: float, readings: Float, settled: bool = False) -> Float:
+        """State at the first readings; see `LinearEstimator.start`.
+
+        Parameters
+        ----------
+        dt : float [s]
+        readings : ndarray, shape (m,)
+        settled : bool
+        """
+        return self.settled(dt, readings) if settled else self.linear.start(dt, readings)
+
+    def at_rest(self, dt: float, readings: Float) -> Float:
+        """What the sensors of a machine at rest read; see `LinearEstimator.at_rest`.
+
+        Parameters
+        ----------
+        dt : float [s]
+        readings : ndarray, shape (m,)
+        """
+        return self.linear.at_rest(dt, readings)
+
     def run(self, time: Float, readings: Float, settled: bool = False) -> Float:
         """Estimates for a whole record; see `LinearEstimator.run`.
 
@@ -178,7 +199,7 @@ class VariableLossEstimator(ABC):
         if len(time) < 2:
             return out
         dt = ticks[0] * CLOCK_STEP
-        x = self.settled(dt, readings[0]) if settled else np.zeros(len(self.recursion(dt).F))
+        x = self.start(dt, readings[0], settled)
         C = self.recursion(dt).C
         out[0] = C @ x
         for k, each in enumerate(ticks):
@@ -202,10 +223,19 @@ class VariableFeedforward(VariableLossEstimator):
         return np.asarray(kept * (r.F @ x) + added)
 
     def settled(self, dt: float, readings: Float) -> Float:
+        return self._settled(dt, readings, readings)
+
+    def start(self, dt: float, readings: Float, settled: bool = False) -> Float:
+        if settled or not isinstance(self.linear, KnownInputEstimator):
+            return super().start(dt, readings, settled)
+        return self._settled(dt, readings, np.where(self.linear.measured, readings, 0.0))
+
+    def _settled(self, dt: float, readings: Float, acting: Float) -> Float:
+        """The state in which `acting` leaves a machine whose loss is that of `readings`."""
         exponent = _followed(self._rate(readings, readings) * dt)
         r = self.recursion(dt)
         F = math.exp(-exponent) * r.F
-        pushed = r.G0 @ (self._weights(exponent) * readings) + r.G1 @ readings
+        pushed = r.G0 @ (self._weights(exponent) * acting) + r.G1 @ acting
         return np.asarray(np.linalg.solve(np.eye(len(F)) - F, pushed))
 
     def _weights(self, exponent: float) -> Float:

@@ -43,6 +43,7 @@ from thermaltool.model.step import ModelRecursion
 from thermaltool.model.validity import (
     MARGIN,
     NOT_AT_REST,
+    UNTOLD_REST,
     Excursion,
     away_from_rest,
     excursions,
@@ -52,6 +53,7 @@ from thermaltool.model.validity import (
 __all__ = [
     "MARGIN",
     "NOT_AT_REST",
+    "UNTOLD_REST",
     "Characteristics",
     "Course",
     "Drive",

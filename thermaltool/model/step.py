@@ -113,7 +113,9 @@ class ModelRecursion:
         # Γ, the rate at which it rises, and by what factor the machine's own time goes faster.
         self._cooling, self._rate, self._pace = 0.0, 0.0, 1.0
 
-    def start(self, time: float, row: Row, settled: bool = False) -> dict[str, float]:
+    def start(
+        self, time: float, row: Row, settled: bool = False, follows: bool = False
+    ) -> dict[str, float]:
         """Outputs at the first row: at rest, or in the steady state of what acts there.
 
         Parameters
@@ -122,6 +124,8 @@ class ModelRecursion:
         row : mapping of channel to float
             All that `Model.needs` names; NaN only beside the drives.
         settled : bool
+        follows : bool
+            Of what is measured alone: a machine at rest has the temperature of its surroundings.
 
         Returns
         -------
@@ -143,8 +147,9 @@ class ModelRecursion:
         record = self._record_of(time, row)
         self._inputs = [float(u) for u in self._acting(row, record)]
         for k, (response, u) in enumerate(zip(self.responses, self._inputs, strict=True)):
-            response.start(u if settled else 0.0, u)
-            self._dead_times[k].start(u if settled else 0.0)
+            stood = u if settled or (follows and not self._held[k]) else 0.0
+            response.start(stood, u)
+            self._dead_times[k].start(stood)
             if (early := -self._dead_times[k].ticks) > 0:
                 response.advance(early, u, u)
         return self._read(record)

@@ -56,6 +56,7 @@ MARGIN = 0.1
 # A first reading further from rest than this share of what the calibration has seen is no rest.
 REST_SHARE = 0.1
 NOT_AT_REST = "is not rest, which the estimates start from: see --initial settled"
+UNTOLD_REST = "is taken to have stood for long: no sensor tells where the machine is"
 
 
 def away_from_rest(value: float, seen: tuple[float, float]) -> bool:

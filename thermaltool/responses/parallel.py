@@ -44,6 +44,25 @@ def parallel(
     return Recursion(F, G0, G1, C)
 
 
+def settled_state(paths: Sequence[InputPath], holds: Sequence[Hold], u: Float, dt: float) -> Float:
+    """The state in which inputs that have stood for ever leave paths, shape (n,).
+
+    Parameters
+    ----------
+    paths, holds, dt
+        As for `parallel`, in whose order the state is.
+    u : ndarray, shape (n_inputs,)
+        NaN leaves the paths of an input at rest, as does a path that does not decay.
+    """
+    found = [np.zeros(0)]
+    for _, source, response in paths:
+        part = _one(response, dt, holds[source])
+        stays = np.max(np.abs(np.linalg.eigvals(part.F)), initial=0.0) >= 1.0
+        still = stays or np.isnan(u[source])
+        found.append(np.zeros(len(part.F)) if still else part.settled(u[source : source + 1]))
+    return np.concatenate(found)
+
+
 def _one(response: Modes | float, dt: float, hold: Hold) -> Recursion:
     if isinstance(response, Modes):
         return response.discretize(dt, hold)

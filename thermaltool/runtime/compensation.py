@@ -375,6 +375,7 @@ def _sensors(
             report=report,
             back=each.to_true,
             at_rest=each.tells_rest,
+            surrounds=each.tells_rest and not each.sensor,
             reach=reach_of({} if each.commanded else known, each.column),
             frozen=_frozen_check(each, settings, design or {}),
             consequence="lost" if several else "safe setpoint",

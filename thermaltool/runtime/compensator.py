@@ -8,7 +8,6 @@ from typing import TYPE_CHECKING, Any
 
 from thermaltool import status
 from thermaltool.control.setpoint import Limits, Setpoint
-from thermaltool.model import NOT_AT_REST, away_from_rest
 from thermaltool.responses.sample_clock import CLOCK_STEP
 from thermaltool.runtime.clock_check import ClockCheck
 from thermaltool.runtime.messages import Report
@@ -18,13 +17,13 @@ from thermaltool.runtime.rows.row import Row
 from thermaltool.runtime.sensing.sensors import SensorChannel
 from thermaltool.runtime.sensing.vote import Vote
 from thermaltool.runtime.stepper import Steps
-from thermaltool.runtime.unknown_state import UnknownState
+from thermaltool.runtime.unknown_state import UnknownState, contradicts_rest, where_it_begins
 
 if TYPE_CHECKING:
     from thermaltool.runtime.monitor import Monitor
 
 # A row of such a status says nothing of whether model and machine agree.
-NOT_TESTED = status.SAFE, status.HELD, status.REDUCED, status.SETTLES
+NOT_TESTED = status.SAFE, status.HELD, status.REDUCED
 Pass = Callable[[list[float]], list[float]]
 
 
@@ -106,20 +105,12 @@ class SetpointProcess(Process):
         self._targets = list(zip(followed, setpoints, strict=True))
         self.estimates: list[float] = stepper.rest()
         self._started, self._moved_at = False, -math.inf
-        self.begins = self._begins()
+        self.begins = where_it_begins(self.sensors, policy.settled)
         self.status = status.SAFE
         # Age [s] of a resumed state, until a row shows that it belongs to it.
         self._age: float | None = None
         self._doubted = math.inf
         clock.on_set = self._shift
-
-    def _begins(self) -> str:
-        """Where the machine is taken to be at the first readings."""
-        if self.policy.settled:
-            return "from the first readings, as settled"
-        known = [s for s in self.sensors if s.at_rest and math.isfinite(s.rest)]
-        rests = ", ".join(f"{sensor.channel} {sensor.rest:g}" for sensor in known)
-        return f"from rest ({rests})" if rests else "from rest"
 
     def take(self, row: Row) -> Reply | None:
         """The reply to a row, as `Process.take`; a state that was kept has to fit the first."""
@@ -140,7 +131,8 @@ class SetpointProcess(Process):
         self._wait(seconds, lost)
         readings = [sensor.truth - sensor.rest for sensor in self.sensors]
         self._estimate(round(seconds / CLOCK_STEP), readings)
-        if self._vote is not None and self._started:
+        # From a wrong start every filter foretells wrong readings: no sensor is to blame.
+        if self._vote is not None and self._started and not self._unsure.lasts:
             self._vote.take(seconds, self.stepper.residuals)
             for k, (sensor, residual) in enumerate(
                 zip(self.sensors, self.stepper.residuals, strict=True)
@@ -171,8 +163,10 @@ class SetpointProcess(Process):
             if left_out is None:
                 self.report("", "all sensors count again")
             else:
-                why = ": the others contradict it" if left_out == against else ""
-                self.report(self.sensors[left_out].channel, f"left out{why}, the others go on")
+                sensor = self.sensors[left_out]
+                told = left_out == against and not sensor.lost
+                why = ": the others contradict it" if told else ""
+                self.report(sensor.channel, f"left out{why}, the others go on")
             self._without = left_out
         if enough and out - self._out and (cost := stepper.cost(out)):
             self.report("", cost)
@@ -254,7 +248,8 @@ class SetpointProcess(Process):
         if self._started:
             estimates = self.stepper.step(ticks, inputs)
             if self._monitor is not None:
-                self._monitor.step(ticks, inputs, self.status not in NOT_TESTED, self.stepper.out)
+                good = self.status not in NOT_TESTED
+                self._monitor.step(ticks, inputs, good, self.stepper.out)
             self.estimates = self._outputs(estimates) if self._outputs else estimates
             if math.isfinite(sum(self.estimates)):
                 return
@@ -267,10 +262,9 @@ class SetpointProcess(Process):
         settled = self.policy.settled
         estimates = self.stepper.start(inputs, settled)
         self.estimates = self._outputs(estimates) if self._outputs else estimates
-        pairs = [] if settled else zip(self.sensors, readings, strict=True)
-        away = [s for s, x in pairs if s.at_rest and away_from_rest(x, s.calibrated)]
-        for sensor in away:
-            self.report(sensor.channel, f"{sensor.value:g} at the start {NOT_AT_REST}")
+        expected = self.stepper.at_rest(inputs)
+        away = not settled and contradicts_rest(self.sensors, readings, expected, self.report)
+        if away:
             self._unsure.unknown = 1.0
         if self._monitor:
             self._monitor.start(inputs, "settled" if settled else "free" if away else "rest")
@@ -365,7 +359,7 @@ class SetpointProcess(Process):
             "setpoints": [[s.value, s.ramp] for s in self.setpoints],
             "vote": None if self._vote is None else self._vote.state(),
             "unknown": self._unsure.unknown,
-            "monitor": None if self._monitor is None else self._monitor.state(),
+            "monitor": self._monitor and self._monitor.state(),
         }
 
     def resume(self, state: dict[str, Any], age: float = 0.0) -> None:

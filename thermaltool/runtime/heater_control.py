@@ -147,6 +147,10 @@ class ControlStepper(Steps):
         estimates = self._stepper.start(read, settled)
         return self._decided(estimates, read, self._controller.period)
 
+    def at_rest(self, readings: list[float]) -> list[float]:
+        """What the temperatures of a machine at rest read; see `Steps.at_rest`."""
+        return self._stepper.at_rest(self._with_powers(readings)[0])
+
     def step(self, ticks: int, readings: list[float]) -> list[float]:
         """Estimates after a sample of `ticks` clock steps (1 ns), which ends with `readings`.
 

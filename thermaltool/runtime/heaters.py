@@ -51,6 +51,10 @@ class HeaterStepper(Steps):
         self._stabilizer.start(self._named(readings), settled)
         return self._estimates()
 
+    def at_rest(self, readings: list[float]) -> list[float]:
+        """None: every reading is of a drive."""
+        return []
+
     def step(self, ticks: int, readings: list[float]) -> list[float]:
         """Estimates after a sample of `ticks` clock steps (1 ns), which ends with `readings`.
 

@@ -73,7 +73,7 @@ class Monitor:
             kept = stream_bands(design, len(estimator.estimates))
             self._relative, error, gain_error = kept
             self._error = RunningError(estimator, period, level)
-            test = InnovationTest(estimator, period, error, gain_error)
+            test = InnovationTest(estimator, period, error, gain_error, level)
             self._test = test if test.can_tell else None
             if test.blind_spot:
                 report("", test.blind_spot)
@@ -85,11 +85,12 @@ class Monitor:
         self.names, self.alarm, self._tested = tuple(names), False, False
 
     def start(self, readings: Sequence[float], initial: Initial) -> None:
-        """Begin at the first readings: at rest, settled at them, or at rest where nothing is."""
+        """Begin at the first readings: at rest, settled at them, or of a warm machine."""
         first = np.array(readings)
-        for part in (self._late, self._test):
-            if part is not None:
-                part.start(first, initial == "settled")
+        if self._late is not None:
+            self._late.start(first, initial == "settled")
+        if self._test is not None:
+            self._test.start(first, initial)
         if self._error is not None:
             self._error.start(initial)
         self._latest = [0.0] * len(self._latest)

@@ -61,6 +61,13 @@ class Steps(ABC):
     def start(self, readings: list[float], settled: bool = False) -> list[float]:
         """Estimates at the first readings."""
 
+    def at_rest(self, readings: list[float]) -> list[float]:
+        """What the sensors of a machine at rest read, beside these first readings.
+
+        Of readings from which nothing is estimated there is none.
+        """
+        return [0.0] * len(readings)
+
     @abstractmethod
     def step(self, ticks: int, readings: list[float]) -> list[float]:
         """Estimates after a sample of `ticks` clock steps."""
@@ -114,12 +121,15 @@ class Stepper(Steps):
         """
         self._z[:] = 0.0
         self._z[self._states : self._states + self._sensors] = readings
-        if not settled:
-            return self.rest()
-        recursion = self._estimator.recursion(self._period)
-        self._z[: self._states] = recursion.settled(np.array(readings))
-        estimates: list[float] = (recursion.C @ self._z[: self._states]).tolist()
+        first = np.array(readings)
+        self._z[: self._states] = self._estimator.start(self._period, first, settled)
+        C = self._estimator.recursion(self._period).C
+        estimates: list[float] = (C @ self._z[: self._states]).tolist()
         return estimates
+
+    def at_rest(self, readings: list[float]) -> list[float]:
+        expected: list[float] = self._estimator.at_rest(self._period, np.array(readings)).tolist()
+        return expected
 
     def step(self, ticks: int, readings: list[float]) -> list[float]:
         """Estimates after a sample of `ticks` clock steps (1 ns), which ends with `readings`.
@@ -202,11 +212,8 @@ class VariableCoolingStepper(Stepper):
         self._first = np.zeros(self._sensors)
 
     def start(self, readings: list[float], settled: bool = False) -> list[float]:
-        before = np.array(readings)
-        self._first[:] = self._z[self._states : self._states + self._sensors] = before
-        self._z[: self._states] = self._lossy.settled(self._period, before) if settled else 0.0
-        estimates: list[float] = (self._C @ self._z[: self._states]).tolist()
-        return estimates
+        self._first[:] = readings
+        return super().start(readings, settled)
 
     def step(self, ticks: int, readings: list[float]) -> list[float]:
         states, before = self._states, self._z[self._states : self._states + self._sensors]

@@ -53,6 +53,8 @@ class SensorChannel:
         not give, and what the calibration has seen, are of the truth.
     at_rest : bool
         A machine at rest reads rest here.
+    surrounds : bool
+        A temperature that drives: a machine at rest has that of its surroundings, whatever it is.
     reach : callable
         The largest change that the machine can make within a time [s], in the unit of the channel.
         A reading that changes by more has jumped, and is bad until it jumps back.
@@ -80,6 +82,7 @@ class SensorChannel:
     report: Report = lambda channel, message: None
     back: tuple[StaticMap, ...] = ()
     at_rest: bool = True
+    surrounds: bool = False
     reach: Callable[[float], float] = lambda seconds: math.inf
     frozen: FrozenCheck = field(default_factory=FrozenCheck)
     consequence: str = "safe setpoint"

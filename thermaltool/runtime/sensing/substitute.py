@@ -79,6 +79,10 @@ class Substituting(Steps):
         self.left_out = min(self._absent, default=None)
         return self._stepper.start(self._filled(readings), settled)
 
+    def at_rest(self, readings: list[float]) -> list[float]:
+        """None: every reading is of a drive."""
+        return []
+
     def step(self, ticks: int, readings: list[float]) -> list[float]:
         """Estimates after a sample; see `Stepper.step`."""
         return self._stepper.step(ticks, self._filled(readings))
