@@ -245,7 +245,7 @@ def _between_rows(
         return BetweenRows()
     try:
         parts = [log.between(*plan.span) for log in logs]
-        data = even_training_data(parts, inputs, outputs, parted=True)
+        data = even_training_data(parts, inputs, outputs, missing="end")
         data = data if plan.split is None else data.split(plan.split).fitted
     except FitError:
         return BetweenRows()

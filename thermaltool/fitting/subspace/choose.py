@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
+from functools import partial
 
 import numpy as np
 
@@ -15,7 +16,7 @@ from thermaltool.fitting.start_state import StartErrors
 from thermaltool.fitting.subspace.identify import identify_subspace, problem_of
 from thermaltool.fitting.subspace.modal import fitted_as, grown
 from thermaltool.fitting.subspace.model import Subspace
-from thermaltool.fitting.subspace.problem import SubspacePoint
+from thermaltool.fitting.subspace.problem import SubspacePoint, SubspaceProblem
 from thermaltool.fitting.subspace.realization import realizations
 from thermaltool.fitting.subspace.search import ROUGH_TOLERANCE, search
 from thermaltool.fitting.subspace.sections import PoleSection
@@ -112,8 +113,23 @@ def again(
         None fits.
     """
     split = data.split(FITTED_SHARE)
-    each = (fitted_as(split.fitted, model, judged=False, real=real) for model in models)
-    return _ranked(each, split, budget, real)
+
+    def candidates() -> Iterator[Subspace]:
+        problem: FitError | None = None
+        any_fits = False
+        for model in models:
+            # One that these data do not carry says nothing of the others.
+            try:
+                fitted = fitted_as(split.fitted, model, judged=False, real=real)
+            except FitError as error:
+                problem = problem or error
+            else:
+                any_fits = True
+                yield fitted
+        if not any_fits and problem is not None:
+            raise problem
+
+    return _ranked(candidates(), split, budget, real)
 
 
 def _ranked(
@@ -164,7 +180,7 @@ class _ByPoles:
 
 def start_errors(data: TrainingData) -> StartErrors | None:
     """Errors of so many poles as lower BIC; None where there are too few rows."""
-    best: tuple[float, SubspacePoint] | None = None
+    best: tuple[float, SubspacePoint, SubspaceProblem] | None = None
     known = realizations(data, MAX_START_ORDER)
     for order in range(1, MAX_START_ORDER + 1):
         try:
@@ -176,12 +192,10 @@ def start_errors(data: TrainingData) -> StartErrors | None:
         bic = 2 * point.criterion + size * float(np.log(data.rows))
         if best is not None and not bic < best[0]:
             break
-        best = bic, point
+        best = bic, point, problem
     if best is None:
         return None
-    point = best[1]
-
-    def records() -> list[list[Array]]:
-        return [[each[k] for each in point.errors] for k in range(len(data.outputs))]
-
-    return StartErrors((point.losses / point.rows).tolist(), records)
+    _, point, problem = best
+    return StartErrors(
+        (point.losses / point.rows).tolist(), partial(problem.errors_on_clock, point)
+    )

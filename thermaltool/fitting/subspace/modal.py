@@ -145,8 +145,9 @@ def _model(found: Minimum[ModalPoint], judged: bool) -> Subspace:
     zero = np.zeros((n + n * m, n + n * m))
     covariances, variances = [zero] * len(point.linear), (point.losses / point.rows).tolist()
     if judged:
-        errors = [[(point.errors_of(piece)[k] @ piece.values) for piece in point.pieces]
-                  for k in range(len(point.linear))]  # fmt: skip
+        own = [point.errors_of(piece) @ piece.values for piece in point.pieces]
+        own = [point.problem.problem.spread(j, each, np.nan) for j, each in enumerate(own)]
+        errors = [[each[k] for each in own] for k in range(len(point.linear))]
         taken = sum(piece.taken.shape[1] for piece in point.pieces)
         found_covariances, variances = joint_covariances(
             point.linearized, errors, point.sensitivities, n, taken
@@ -170,7 +171,7 @@ def _model(found: Minimum[ModalPoint], judged: bool) -> Subspace:
         )
         for k, linear in enumerate(point.linear)
     )  # fmt: skip
-    own = sum(len(linear) for linear in point.linear)
+    linear_count = sum(len(linear) for linear in point.linear)
     # Candidates are compared as of all rows, also where some of them are fitted.
     whole = 2 * point.criterion * data.rows / point.rows
-    return Subspace(outputs, Criteria(whole, n * m + own, data.rows))
+    return Subspace(outputs, Criteria(whole, n * m + linear_count, data.rows))

@@ -165,10 +165,11 @@ class ModalPoint:
     def sensitivities(self) -> Iterator[Sensitivities]:
         """How every piece follows the parameters."""
         place = np.arange(len(self.gram))
-        for piece in self.pieces:
-            columns = self.columns_of(piece) @ piece.values
+        for j, piece in enumerate(self.pieces):
+            values = self.problem.problem.spread(j, piece.values)
+            columns = self.columns_of(piece) @ values
             slopes = [
-                self.slopes_of(k, piece) @ piece.values - f.by_searched.T @ columns
+                self.slopes_of(k, piece) @ values - f.by_searched.T @ columns
                 for k, f in enumerate(self.linearized)
             ]
             yield Sensitivities(place, slopes, [columns] * len(slopes))
@@ -206,8 +207,8 @@ class ModalProblem:
     def _slopes(self, j: int, start: ModalStart) -> Array:
         """Slopes of every pole's response to its combination of the inputs, shape (N, rows)."""
         driven = self.problem.driven[j] / self.scales[:, None]
-        holds, stride = self.data.holds, self.problem.stride
-        found = np.zeros((len(start.rates), -(-driven.shape[1] // stride)))
+        holds = self.data.holds
+        found = np.zeros((len(start.rates), int(self.problem.known[j].sum())))
         for hold in set(holds):
             alike = [own == hold for own in holds]
             mixed = start.participations[:, alike] @ driven[alike]
@@ -216,12 +217,11 @@ class ModalProblem:
                     responses(PoleSection((float(rate + sign),)), drive[None], (hold,))
                     for sign in (LOG_DIFFERENCE, -LOG_DIFFERENCE)
                 )
-                found[k] += (faster - slower)[0, ::stride] / (2 * LOG_DIFFERENCE)
+                slope = (faster - slower)[0] / (2 * LOG_DIFFERENCE)
+                found[k] += self.problem.counted(j, slope)
         return found
 
     def _free(self, j: int, rates: Array) -> Array:
-        if not len(rates):
-            return np.zeros((0, -(-len(self.data.records[j]) // self.problem.stride)))
         return self.problem.free(j, ModalStart(rates, np.zeros((0, 0))).sections)
 
     def signals(self, j: int, start: ModalStart, further: Array | None = None) -> Signals:
@@ -234,10 +234,8 @@ class ModalProblem:
         further : ndarray, optional
             Logarithms of rates whose responses follow those of the others; then without slopes.
         """
-        (n, m), record = start.participations.shape, self.data.records[j]
-        e = self.data.experiments
-        y = self.data.y[j] - self.problem.centres[:, [record.origin]]
-        y, free = y[:, :: self.problem.stride], self._free(j, start.rates)
+        (n, m), e = start.participations.shape, self.data.experiments
+        y, free = self.problem.measured(j), self._free(j, start.rates)
         if further is not None:
             parts = [self._responses(j, np.append(start.rates, further)), y]
         else:
