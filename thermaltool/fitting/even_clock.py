@@ -22,10 +22,9 @@ Missing = Literal["reading", "row", "end"]
 # A step longer than so many periods parts a record; on a clock that is not even, longer than so
 # many of the steps that all but this share of them stay below, but never so many periods.
 MAX_STEP_PERIODS, LONG_SHARE, MOST_PERIODS = 1.5, 0.01, 4.0
-# Missing rows are filled while what that leaves open of an input is no larger a share of its
-# variation, in squares: 1 % of an output at most. An input is told by its neighbours as well as
-# this share of its readings is.
-MAX_OPEN_SHARE, TOLD_SHARE = 1e-4, 0.9
+# A record goes on over so many missing rows. An input is told by its neighbours as well as this
+# share of its readings is.
+MAX_FILLED_ROWS, TOLD_SHARE = 3, 0.68
 
 
 def check_period(log: Record, period: float) -> None:
@@ -55,6 +54,35 @@ def uneven_steps(log: Record, period: float) -> tuple[int, int, bool]:
     return len(uneven), len(steps), _on_grid(uneven, period)
 
 
+def even_steps(log: Record, period: float) -> bool:
+    """Whether all steps of a log between pauses are a `period` [s] long, or it lacks no rows alone.
+
+    Parameters
+    ----------
+    log : Record
+    period : float [s]
+    """
+    uneven, _, rows_alone = uneven_steps(log, period)
+    return not (uneven and rows_alone)
+
+
+def told_by_neighbours(inputs: Array) -> Array:
+    """How far from the mean of its neighbours this share of the readings of each input is at most.
+
+    Parameters
+    ----------
+    inputs : ndarray, shape (m, n)
+
+    Returns
+    -------
+    ndarray, shape (m, 1)
+    """
+    if inputs.shape[1] < 3:
+        return np.full((len(inputs), 1), np.inf)
+    apart = np.abs(np.diff(inputs, n=2)) / 2
+    return np.asarray(np.quantile(apart, TOLD_SHARE, axis=1, keepdims=True))
+
+
 def _steps(log: Record) -> Array:
     """Steps of the clock between pauses [s]."""
     return np.concatenate([np.empty(0), *(np.diff(log.time[part]) for part in log.segments)])
@@ -62,7 +90,7 @@ def _steps(log: Record) -> Array:
 
 def _on_grid(steps: Array, period: float) -> bool:
     """Whether all steps, but for the longest, are whole numbers of periods."""
-    own = steps[steps <= (MOST_PERIODS + 0.5) * period] / period
+    own = steps[steps <= (MAX_FILLED_ROWS + 1.5) * period] / period
     whole = np.round(own)
     return bool(np.all((whole >= 1) & (np.abs(own - whole) <= MAX_UNEVENNESS)))
 
@@ -89,8 +117,8 @@ def even_records(
 ) -> Iterator[Record]:
     """A log as records on an even clock: cut at pauses and where inputs are not known.
 
-    Rows that are missing, or lack an input, are filled as long as the rows around them say what the
-    inputs did there (`MAX_OPEN_SHARE`), and have no reading of an output. Where the steps are no
+    Over a few rows that are missing, or lack an input, a line is drawn through the inputs, and the
+    outputs have no reading. Where the steps are no
     whole periods a straight line between the readings is taken on the even clock, over steps up to
     `longest_step`. A record without any reading of an output is none.
 
@@ -100,10 +128,13 @@ def even_records(
     inputs, outputs : sequence of str
     period : float [s]
     missing : {"reading", "row", "end"}
-        What a missing output means. "end": over rows that are not there at all a line is drawn.
+        What a missing output means. "end": over a few rows a line is drawn.
     """
     channels = (*inputs, *outputs)
     columns, m = record.matrix(channels), len(inputs)
+    if missing == "end":
+        for part in record.segments:
+            columns[m:, part] = [_drawn(record.time[part], y) for y in columns[m:, part]]
     lacking = ~np.logical_and.reduce(np.isfinite(columns[m:]), axis=0)
     if missing == "row":
         columns[m:, lacking] = np.nan
@@ -116,25 +147,24 @@ def even_records(
             stretches.append(
                 _Stretch(record.time[part], columns[:, part], m, rows, ends, period, longest)
             )
-    power, error = _variation(columns[:m, known])
-    shares = [each.open_shares(power, error) for each in stretches]
-    ranked = np.sort(np.concatenate([np.empty(0), *shares]))
-    filled = ranked[np.cumsum(ranked) <= MAX_OPEN_SHARE]
-    most = filled[-1] if len(filled) else -1.0
-    for stretch, own in zip(stretches, shares, strict=True):
-        for time, values in stretch.pieces(own <= most, missing == "end"):
+    for stretch in stretches:
+        for time, values in stretch.pieces(missing == "end"):
             if np.isfinite(values[m:]).any():
                 yield Record(time, dict(zip(channels, values, strict=True)), name=record.name,
                              origin=record.origin)  # fmt: skip
 
 
-def _variation(inputs: Array) -> tuple[Array, Array]:
-    """Squares of the inputs about their means; how far a reading is from its neighbours' mean."""
-    if inputs.shape[1] < 3:
-        return np.ones((len(inputs), 1)), np.full((len(inputs), 1), np.inf)
-    power = np.sum((inputs - inputs.mean(1, keepdims=True)) ** 2, 1, keepdims=True)
-    apart = np.abs(np.diff(inputs, n=2)) / 2
-    return np.maximum(power, 1e-300), np.quantile(apart, TOLD_SHARE, axis=1, keepdims=True)
+def _drawn(time: Array, values: Array) -> Array:
+    """A channel with straight lines over a few missing rows between two readings."""
+    rows = np.flatnonzero(np.isfinite(values))
+    if not len(rows):
+        return values
+    clock = np.arange(rows[0], rows[-1] + 1)
+    run = np.diff(rows)[np.minimum(np.searchsorted(rows, clock, side="right"), len(rows) - 1) - 1]
+    found = values.copy()
+    own = clock[run <= MAX_FILLED_ROWS + 1] if len(rows) > 1 else rows
+    found[own] = np.interp(time[own], time[rows], values[rows])
+    return found
 
 
 @dataclass(frozen=True)
@@ -184,64 +214,27 @@ class _Stretch:
         return np.cumsum(self.ends, dtype=np.intp)[self.rows]
 
     @cached_property
-    def _doubts(self) -> tuple[Array, Array]:
-        """By how much the inputs change over every hole, and how far apart lines into it end.
+    def filled(self) -> NDArray[np.bool_]:
+        """Over which of the holes a record goes on."""
+        ended = np.diff(self._ended)[self.holes] > 0
+        return np.asarray(~ended & (self.steps[self.holes] <= MAX_FILLED_ROWS + 1.5))
 
-        The lines are those through two rows before and two rows behind it; shapes (m, holes).
-        """
-        u, steps, k = self.columns[: self.inputs, self.rows], self.steps, self.holes
-        change = np.abs(u[:, k + 1] - u[:, k])
-        before, behind = np.maximum(k - 1, 0), np.minimum(k + 1, len(steps) - 1)
-        slopes = np.diff(u, axis=1) / steps
-        half = steps[k] / 2
-        apart = np.abs(u[:, k] + slopes[:, before] * half - u[:, k + 1] + slopes[:, behind] * half)
-        alone = (before == k) | (behind == k) | np.isin(before, k) | np.isin(behind, k)
-        return change, np.where(alone, np.inf, apart)
-
-    def open_shares(self, power: Array, error: Array) -> Array:
-        """What every hole leaves open of an input, as a share of its variation in squares.
-
-        Without end where the record does not go on over it at all. An input that is the same before
-        and behind it has stood still.
-
-        Parameters
-        ----------
-        power, error : ndarray, shape (m, 1)
-            As `_variation` has them.
-        """
-        k = self.holes
-        if not len(k):
-            return np.empty(0)
-        change, apart = self._doubts
-        doubt = np.where(change > 0, np.maximum(np.minimum(change, apart), error), 0.0)
-        shares = doubt**2 * np.maximum(self.steps[k] - 1, 1) / power
-        over = (np.diff(self._ended)[k] > 0) | (self.steps[k] > MOST_PERIODS + 0.5)
-        return np.where(over, np.inf, np.max(shares, axis=0, initial=0.0))
-
-    def pieces(self, filled: NDArray[np.bool_], drawn: bool) -> Iterator[tuple[Array, Array]]:
+    def pieces(self, drawn: bool) -> Iterator[tuple[Array, Array]]:
         """Clock and channels of each piece, shapes (n,) and (m + p, n).
 
         Parameters
         ----------
-        filled : ndarray of bool
-            Which of the holes are.
         drawn : bool
             Whether a line is drawn through the outputs over the holes.
         """
-        stands = np.zeros((self.inputs, len(self.rows)), bool)
-        if len(self.holes):
-            change, apart = self._doubts
-            stands[:, self.holes] = change <= apart
         at = 0
-        for piece in np.split(np.arange(len(self.rows)), self.holes[~filled] + 1):
-            own = self.holes[filled & (self.holes >= piece[0]) & (self.holes < piece[-1])]
-            yield self._piece(self.rows[piece], own - at, stands[:, piece], drawn)
+        for piece in np.split(np.arange(len(self.rows)), self.holes[~self.filled] + 1):
+            own = self.holes[self.filled & (self.holes >= piece[0]) & (self.holes < piece[-1])]
+            yield self._piece(self.rows[piece], own - at, drawn)
             at += len(piece)
 
-    def _piece(
-        self, rows: Index, holes: Index, stands: NDArray[np.bool_], drawn: bool
-    ) -> tuple[Array, Array]:
-        """One piece; holes, and over which of them an input stands still, counted by its rows."""
+    def _piece(self, rows: Index, holes: Index, drawn: bool) -> tuple[Array, Array]:
+        """One piece, holes counted by its rows."""
         m, time = self.inputs, self.time[rows]
         steps = np.diff(time)
         if not len(steps) or np.max(np.abs(steps - self.period)) <= MAX_UNEVENNESS * self.period:
@@ -255,9 +248,6 @@ class _Stretch:
         values = np.array([np.interp(clock, time, row[rows]) for row in self.columns])
         before = np.searchsorted(time, clock, side="right") - 1
         inside = np.isin(before, holes) & (clock > time[before])
-        for k in range(m):
-            still = inside & stands[k, before]
-            values[k, still] = self.columns[k, rows[before[still]]]
         if not drawn:
             values[m:, inside] = np.nan
         if self.even:
