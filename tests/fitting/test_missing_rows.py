@@ -61,13 +61,6 @@ def test_a_record_goes_on_over_a_few_missing_rows():
     np.testing.assert_allclose(drawn.columns["dT_b_K"], 2 * drawn.time)
 
 
-def test_a_reading_beside_a_missing_input_stays():
-    columns = {"Q_a_W": np.array([1.0, 1, np.nan, 1, 1]), "dT_a_K": np.arange(5.0)}
-    (found,) = even_records(Record(np.arange(5.0), columns), INS, OUTS[:1], 1.0)
-    np.testing.assert_array_equal(found.columns["Q_a_W"], np.ones(5))
-    np.testing.assert_array_equal(found.columns["dT_a_K"], np.arange(5.0))
-
-
 @pytest.mark.parametrize("each", [20, 1])
 def test_commands_in_missing_rows_are_told_by_the_outputs(each):
     """As the plant had them; what lies on a line between its neighbours is off by far more."""

@@ -117,8 +117,8 @@ def even_records(
 ) -> Iterator[Record]:
     """A log as records on an even clock: cut at pauses and where inputs are not known.
 
-    Over a few rows that are missing, or lack an input, a line is drawn through the inputs, and the
-    outputs have no reading. Where the steps are no
+    Over a few rows that are missing a line is drawn through the inputs, and the outputs have no
+    reading. Where the steps are no
     whole periods a straight line between the readings is taken on the even clock, over steps up to
     `longest_step`. A record without any reading of an output is none.
 
@@ -141,8 +141,8 @@ def even_records(
     known, longest = record.known(inputs), longest_step(record, period)
     stretches = []
     for part in record.segments:
-        ends = lacking[part] & known[part] & (missing == "end")
-        rows = np.flatnonzero(known[part] & ~ends)
+        ends = ~known[part] | (lacking[part] & (missing == "end"))
+        rows = np.flatnonzero(~ends)
         if len(rows):
             stretches.append(
                 _Stretch(record.time[part], columns[:, part], m, rows, ends, period, longest)
@@ -251,8 +251,6 @@ class _Stretch:
         if not drawn:
             values[m:, inside] = np.nan
         if self.even:
-            # An output may have a reading where an input has none.
-            between = np.arange(rows[0], rows[-1] + 1)
-            on = np.searchsorted(clock, self.time[between] - self.period / 2)
-            values[m:, on] = self.columns[m:, between]
+            # No line is drawn through a reading that is missing in a row that is there.
+            values[:, np.searchsorted(clock, time - self.period / 2)] = self.columns[:, rows]
         return clock, values
