@@ -33,7 +33,7 @@ MAX_SEPARATE = 2
 MIN_COMPLETE = 0.8
 # What missing readings of an output mean to the structures that do not simulate over them.
 REGRESSED = "a reading counts only where all those before it that the equation takes are there"
-PARTED = "they part the record, and each part begins in a state of its own"
+PARTED = "more than three in a row part the record, and each part begins in a state of its own"
 WHOLE_ROWS = "a row counts where no output is missing"
 HOLES = {"arx": REGRESSED, "armax": REGRESSED, SUBSPACE: WHOLE_ROWS, COMPONENTS: PARTED}
 
@@ -155,8 +155,7 @@ def check_clock(log: Record, period: float, warn: Notice) -> None:
     if not uneven:
         return
     if rows_alone:
-        why = ("rows are missing: the record goes on over three at most, where the inputs say what "
-               "they did there, else it is parted")  # fmt: skip
+        why = "rows are missing: the record goes on over three in a row, more of them part it"
     else:
         why = ("straight lines between the readings are taken on an even clock, longer steps part "
                "the record")  # fmt: skip

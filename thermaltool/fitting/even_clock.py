@@ -22,9 +22,9 @@ Missing = Literal["reading", "row", "end"]
 # A step longer than so many periods parts a record; on a clock that is not even, longer than so
 # many of the steps that all but this share of them stay below, but never so many periods.
 MAX_STEP_PERIODS, LONG_SHARE, MOST_PERIODS = 1.5, 0.01, 4.0
-# A record goes on over so many missing rows. An input is told by its neighbours as well as this
-# share of its readings is.
-MAX_FILLED_ROWS, TOLD_SHARE = 3, 0.68
+# A record goes on over so many missing rows. The error of a line between two
+# neighbours is one that this share of the readings stay below: a standard deviation.
+MAX_FILLED_ROWS, WITHIN_SHARE = 3, 0.68
 
 
 def check_period(log: Record, period: float) -> None:
@@ -66,8 +66,8 @@ def even_steps(log: Record, period: float) -> bool:
     return not (uneven and rows_alone)
 
 
-def told_by_neighbours(inputs: Array) -> Array:
-    """How far from the mean of its neighbours this share of the readings of each input is at most.
+def interpolation_error(inputs: Array) -> Array:
+    """Distance of a reading of each input from the mean of its neighbours, a standard deviation.
 
     Parameters
     ----------
@@ -80,7 +80,7 @@ def told_by_neighbours(inputs: Array) -> Array:
     if inputs.shape[1] < 3:
         return np.full((len(inputs), 1), np.inf)
     apart = np.abs(np.diff(inputs, n=2)) / 2
-    return np.asarray(np.quantile(apart, TOLD_SHARE, axis=1, keepdims=True))
+    return np.asarray(np.quantile(apart, WITHIN_SHARE, axis=1, keepdims=True))
 
 
 def _steps(log: Record) -> Array:
@@ -118,9 +118,9 @@ def even_records(
     """A log as records on an even clock: cut at pauses and where inputs are not known.
 
     Over a few rows that are missing a line is drawn through the inputs, and the outputs have no
-    reading. Where the steps are no
-    whole periods a straight line between the readings is taken on the even clock, over steps up to
-    `longest_step`. A record without any reading of an output is none.
+    reading. Where the steps are no whole periods a straight line between the readings is taken on
+    the even clock, over steps up to `longest_step`. A record without any reading of an output is
+    none.
 
     Parameters
     ----------

@@ -14,7 +14,7 @@ import numpy as np
 
 from thermaltool.errors import FitError
 from thermaltool.fitting.data import Array, TrainingData, even_training_data
-from thermaltool.fitting.even_clock import even_steps, told_by_neighbours
+from thermaltool.fitting.even_clock import even_steps, interpolation_error
 from thermaltool.fitting.projection import orthonormal_rows
 from thermaltool.fitting.subspace.identify import identify_subspace
 from thermaltool.fitting.subspace.model import Subspace, SubspaceOutput
@@ -79,7 +79,7 @@ _Place = tuple[int, int, float]
 def _open_places(data: TrainingData, logs: Sequence[Record]) -> list[list[_Place]]:
     """Of each record what is open of an input in rows that its log lacks."""
     found = []
-    told = told_by_neighbours(np.hstack(data.u))
+    told = interpolation_error(np.hstack(data.u))
     for record, u, y in zip(data.records, data.u, data.y, strict=True):
         empty = ~np.isfinite(y).any(axis=0)
         empty &= ~np.isin(record.time, logs[data.logs[record.origin]].time)
