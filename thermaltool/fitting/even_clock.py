@@ -22,8 +22,8 @@ Missing = Literal["reading", "row", "end"]
 # A step longer than so many periods parts a record; on a clock that is not even, longer than so
 # many of the steps that all but this share of them stay below, but never so many periods.
 MAX_STEP_PERIODS, LONG_SHARE, MOST_PERIODS = 1.5, 0.01, 4.0
-# A record goes on over so many missing rows. The error of a line between two
-# neighbours is one that this share of the readings stay below: a standard deviation.
+# A record goes on over so many missing rows. The error of a line between two neighbours is one
+# that this share of the readings stays below: a standard deviation.
 MAX_FILLED_ROWS, WITHIN_SHARE = 3, 0.68
 
 
@@ -54,8 +54,8 @@ def uneven_steps(log: Record, period: float) -> tuple[int, int, bool]:
     return len(uneven), len(steps), _on_grid(uneven, period)
 
 
-def even_steps(log: Record, period: float) -> bool:
-    """Whether all steps of a log between pauses are a `period` [s] long, or it lacks no rows alone.
+def lacks_rows(log: Record, period: float) -> bool:
+    """Whether rows of a log are missing on a clock of this `period` [s] that is even beside them.
 
     Parameters
     ----------
@@ -63,7 +63,7 @@ def even_steps(log: Record, period: float) -> bool:
     period : float [s]
     """
     uneven, _, rows_alone = uneven_steps(log, period)
-    return not (uneven and rows_alone)
+    return bool(uneven) and rows_alone
 
 
 def interpolation_error(inputs: Array) -> Array:

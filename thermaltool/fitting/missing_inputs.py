@@ -14,7 +14,7 @@ import numpy as np
 
 from thermaltool.errors import FitError
 from thermaltool.fitting.data import Array, TrainingData, even_training_data
-from thermaltool.fitting.even_clock import even_steps, interpolation_error
+from thermaltool.fitting.even_clock import interpolation_error, lacks_rows
 from thermaltool.fitting.projection import orthonormal_rows
 from thermaltool.fitting.subspace.identify import identify_subspace
 from thermaltool.fitting.subspace.model import Subspace, SubspaceOutput
@@ -53,7 +53,7 @@ def with_missing_inputs(
     split : float, optional
         its share: what is held out tells nothing, and no input in it is found.
     """
-    if all(len(log) < 2 or even_steps(log, logs[0].period) for log in logs):
+    if not any(len(log) > 1 and lacks_rows(log, logs[0].period) for log in logs):
         return list(logs)
     try:
         own = [log.between(*span) for log in logs]
