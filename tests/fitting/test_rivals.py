@@ -229,12 +229,13 @@ def test_holes_are_told_of_the_structure_that_was_taken(monkeypatch):
     """Not of one that was replaced."""
     u, _, y = swinging(400)
     y[200] = np.nan
+    log = record_of(u, y).with_columns({"dT_b_K": 2.0 * y})
     monkeypatch.setattr("thermaltool.api.identification_plans.MAX_SEPARATE", 0)
     call = {"real_poles": False, "nan_policy": "omit"}
     for refused in (False, True):
         if refused:
             monkeypatch.setattr(SubspacePlan, "start", Refusing(error=FitError("no")).start)
         said = []
-        tt.identify(record_of(u, y), "Q_a_W", "dT_a_K", warn=said.append, **call)
-        assert any("they part the record" in message for message in said) is not refused
+        tt.identify(log, "Q_a_W", ["dT_a_K", "dT_b_K"], warn=said.append, **call)
+        assert any("a row counts where" in message for message in said) is not refused
         assert any("stands in" in message for message in said) is refused

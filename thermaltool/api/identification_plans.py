@@ -29,12 +29,13 @@ if TYPE_CHECKING:
 
 # Above so many responses they share their poles: to search each by itself takes minutes.
 MAX_SEPARATE = 2
-# As long as so many runs of readings at most are missing: a spike is left out, for example.
-MAX_HOLES = 3
+# As long as this share of the rows with any output has all of them: no other row counts there.
+MIN_COMPLETE = 0.8
 # What missing readings of an output mean to the structures that do not simulate over them.
 REGRESSED = "a reading counts only where all those before it that the equation takes are there"
-PARTED = "they part the record, and each part begins in a state of its own"
-HOLES = {"arx": REGRESSED, "armax": REGRESSED, SUBSPACE: PARTED, COMPONENTS: PARTED}
+PARTED = "more than three in a row part the record, and each part begins in a state of its own"
+WHOLE_ROWS = "a row counts where no output is missing"
+HOLES = {"arx": REGRESSED, "armax": REGRESSED, SUBSPACE: WHOLE_ROWS, COMPONENTS: PARTED}
 
 
 def plans_of(
@@ -96,15 +97,15 @@ def plans_of(
     if not usual:
         return (separate,)
     shared = SubspacePlan(linear=False, real=bool(real_poles), **common)
-    if len(inputs) * len(outputs) > MAX_SEPARATE and _few_holes(parts, outputs):
+    if len(inputs) * len(outputs) > MAX_SEPARATE and _complete(parts, outputs):
         return shared, separate
     return separate, shared
 
 
-def _few_holes(parts: Sequence[Log], outputs: Sequence[str]) -> bool:
-    """Whether few runs of readings of outputs are missing: each parts a subspace model's record."""
-    missing = (np.append(False, ~part.known(outputs)) for part in parts)
-    return sum(int(np.sum(np.diff(each.astype(int)) > 0)) for each in missing) <= MAX_HOLES
+def _complete(parts: Sequence[Log], outputs: Sequence[str]) -> bool:
+    """Whether most rows with a reading of any output have one of all."""
+    each = np.hstack([np.isfinite(part.matrix(outputs)) for part in parts])
+    return bool(each.all(axis=0).sum() >= MIN_COMPLETE * each.any(axis=0).sum())
 
 
 def structure_name(model: OutputModel) -> str:
@@ -134,7 +135,7 @@ def warn_holes(
     log: Log, inputs: Sequence[str], outputs: Sequence[str], structure: str, warn: Notice
 ) -> None:
     """Say what missing readings of an output cost where a structure does not simulate over them."""
-    if structure not in HOLES:
+    if structure not in HOLES or (HOLES[structure] == WHOLE_ROWS and len(outputs) == 1):
         return
     known = log.known(inputs)
     for name in outputs:
@@ -150,9 +151,12 @@ def check_clock(log: Record, period: float, warn: Notice) -> None:
     from thermaltool.fitting.even_clock import check_period, uneven_steps
 
     check_period(log, period)
-    uneven, steps = uneven_steps(log, period)
-    if uneven:
-        warn(
-            f"{log.name}: {uneven} of {steps} steps are not {period:g} s: straight lines "
-            "between the readings are taken on an even clock, longer steps part the record"
-        )
+    uneven, steps, rows_alone = uneven_steps(log, period)
+    if not uneven:
+        return
+    if rows_alone:
+        why = "rows are missing: the record goes on over three in a row, more of them part it"
+    else:
+        why = ("straight lines between the readings are taken on an even clock, longer steps part "
+               "the record")  # fmt: skip
+    warn(f"{log.name}: {uneven} of {steps} steps are not {period:g} s: {why}")

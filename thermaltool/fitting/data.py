@@ -13,7 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from thermaltool.errors import DataError
-from thermaltool.fitting.even_clock import even_records
+from thermaltool.fitting.even_clock import Missing, even_records
 from thermaltool.fitting.excitation import check_excitation
 from thermaltool.record import Record
 from thermaltool.units import Hold, hold_of
@@ -330,7 +330,7 @@ def even_training_data(
     logs: Sequence[Record],
     inputs: Sequence[str],
     outputs: Sequence[str],
-    parted: bool = False,
+    missing: Missing = "reading",
 ) -> TrainingData:
     """Outputs of several logs, each an experiment, on the even clock of the first.
 
@@ -338,8 +338,8 @@ def even_training_data(
     ----------
     logs : sequence of Record
     inputs, outputs : sequence of str
-    parted : bool
-        Whether a missing output parts a record, as a missing input does.
+    missing : {"reading", "row", "end"}
+        What a missing output means, as for `even_records`.
 
     Raises
     ------
@@ -347,7 +347,7 @@ def even_training_data(
         No row has them all.
     """
     period = logs[0].period
-    records, used = _numbered(even_records(log, inputs, outputs, period, parted) for log in logs)
+    records, used = _numbered(even_records(log, inputs, outputs, period, missing) for log in logs)
     if not records:
         columns = {n: np.hstack([log.column(n) for log in logs]) for n in (*inputs, *outputs)}
         if silent := [n for n, values in columns.items() if not np.isfinite(values).any()]:

@@ -18,6 +18,7 @@ from thermaltool.fitting.data import Split, TrainingData, even_training_data, tr
 from thermaltool.fitting.document import model_document
 from thermaltool.fitting.fit import ChosenOver, Fit
 from thermaltool.fitting.linearity import linearity_test
+from thermaltool.fitting.missing_inputs import with_missing_inputs
 from thermaltool.fitting.output_model import ContinuousTerm, OutputModel
 from thermaltool.fitting.residuals import residual_tests
 from thermaltool.fitting.rivals import HeldFit, held_fit, joined_fits
@@ -143,8 +144,9 @@ def identify(
     FitError
         Data that the plan's form does not fit, or that are too few to validate.
     """
-    between = _between_rows(logs, inputs, outputs, plan)
     as_read = as_read or (*logs, *fresh)
+    logs = with_missing_inputs(logs, inputs, outputs, plan.span, plan.split)
+    between = _between_rows(logs, inputs, outputs, plan)
     first = _planned(logs, inputs, outputs, plan, fresh, reference, as_read, between)
     best = first = first.with_linearity()
     for rival in plan.beyond(first.fits, reference):
@@ -245,7 +247,7 @@ def _between_rows(
         return BetweenRows()
     try:
         parts = [log.between(*plan.span) for log in logs]
-        data = even_training_data(parts, inputs, outputs, parted=True)
+        data = even_training_data(parts, inputs, outputs, missing="end")
         data = data if plan.split is None else data.split(plan.split).fitted
     except FitError:
         return BetweenRows()

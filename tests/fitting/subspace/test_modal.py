@@ -67,8 +67,8 @@ def training(records, inputs=3, outputs=4):
     return even_training_data(records, ins(inputs), outs(outputs))
 
 
-def of_order(data, order):
-    return next(model for model in grown(data, order) if model.order == order)
+def of_order(data, order, direct=False):
+    return next(model for model in grown(data, order, direct) if model.order == order)
 
 
 @pytest.mark.parametrize("state", [None, [1.0, -2.0, 1.5]])
@@ -123,6 +123,28 @@ def test_intervals_hold_the_truth_and_are_narrower_than_with_weights_free():
         for e, tau in zip(own.time_constant_estimates(), 1 / RATES[::-1], strict=True):
             assert abs(np.log(e.value / tau)) < 4 * np.log(e.high / e.low) / 3.92
     assert model.criteria.bic < free.criteria.bic
+
+
+def test_an_output_that_follows_an_input_at_once_does_so_beside_the_poles():
+    """As a flow follows its valve: a fast pole, which a held input reaches a row later, has not."""
+    system, at_once = modes(), np.zeros((4, 3))
+    at_once[1, 2], at_once[3, 0] = 1.5, -0.8
+    system = StateSpace(system.A, system.B, system.C, at_once)
+    data = training([log(system, np.random.default_rng(89), noise=0.05)[0]]).from_rest()
+    model = identify_modal(data, of_order(data, 3, True))
+    assert model.has_direct
+    for k, output in enumerate(model.outputs):
+        errors = np.sqrt(np.diag(output.covariance))[-3:]
+        assert np.all(np.abs(output.direct - at_once[k]) < 4 * errors)
+        assert np.all(errors < 0.05)
+        for i, gain in enumerate((SHAPES @ DRIVES + at_once)[k]):
+            e = output.gain(i)
+            assert abs(e.value - gain) < 4 * (e.high - e.low) / 3.92
+    without = identify_modal(data, of_order(data, 5))
+    assert model.criteria.bic < without.criteria.bic
+    (best, *_) = choose_order(data, orders=[3])
+    assert best.model.has_direct
+    assert best.model.participations is not None
 
 
 def test_units_of_the_inputs_do_not_matter():

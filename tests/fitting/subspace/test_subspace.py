@@ -126,7 +126,7 @@ def test_pieces_logs_and_their_offsets():
     first = log(system, steps(1, 900, rng), rng, 0.02, offset=5.0)
     other = log(system, steps(1, 700, rng), rng, 0.02, state=[4.0, -3.0], offset=-3.0)
     keep = np.ones(900, bool)
-    keep[300:310] = keep[600:603] = False
+    keep[300:310] = keep[600:604] = False
     parted = first.where(keep)
     data = training([parted, other], 1, 2)
     assert len(data.records) == 4

@@ -37,7 +37,7 @@ class ComponentPlan(Plan):
     def data_sets(
         self, logs: Sequence[Record], inputs: Sequence[str], outputs: Sequence[str]
     ) -> list[TrainingData]:
-        return [even_training_data(logs, inputs, (each,), parted=True) for each in outputs]
+        return [even_training_data(logs, inputs, (each,), missing="end") for each in outputs]
 
     def start(self, data: TrainingData) -> TrainingData:
         if self.initial != "auto":

@@ -90,9 +90,10 @@ def problem_of(data: TrainingData, order: int, direct: bool) -> SubspaceProblem:
     problem = SubspaceProblem(data, direct)
     size = problem.linear_count(order)
     need = size + order + sum(not r.at_rest for r in data.records) * order
-    if data.rows < 2 * need:
+    rows = sum(int(known.sum()) for known in problem.known)
+    if rows < 2 * need:
         raise FitError(
-            f"{data.outputs[0]}: {data.rows} rows do not carry {counted(order, 'mode')} with "
+            f"{data.outputs[0]}: {rows} rows do not carry {counted(order, 'mode')} with "
             f"{need} parameters: {'take fewer modes or ' * (order > 1)}more data"
         )
     return SubspaceProblem(data, direct, max(1, round(data.rows * size / MAX_NUMBERS)))
@@ -190,8 +191,9 @@ def subspace_covariances(
                 whole - f.by_searched.T @ columns
                 for whole, f in zip(problem.slopes(j, point), projected, strict=True)
             ]
-            yield Sensitivities(place, slopes, [columns] * len(projected))
+            slopes = [problem.spread(j, own) for own in slopes]
+            yield Sensitivities(place, slopes, [problem.spread(j, columns)] * len(projected))
 
-    errors = [[each[k] for each in point.errors] for k in range(len(projected))]
+    errors = problem.errors_on_clock(point)
     taken = sum(starts.shape[1] for starts in point.starts)
     return joint_covariances(projected, errors, records, own, taken)

@@ -29,7 +29,7 @@ from thermaltool.signals.gauss_newton import Minimum, minimize
 METHOD = "output error, each taking one combination of the inputs"
 
 
-def grown(data: TrainingData, largest: int) -> Iterator[Subspace]:
+def grown(data: TrainingData, largest: int, direct: bool = False) -> Iterator[Subspace]:
     """Models of one pole, two, and so on, each from the one before.
 
     Parameters
@@ -38,11 +38,13 @@ def grown(data: TrainingData, largest: int) -> Iterator[Subspace]:
         On an even clock, of several inputs and outputs.
     largest : int
         Number of poles, at most.
+    direct : bool
+        Whether outputs may follow the inputs of the same row.
     """
     start = ModalStart(np.zeros(0), np.zeros((0, len(data.inputs))))
     for order in range(1, largest + 1):
         try:
-            problem = _problem(data, order)
+            problem = _problem(data, order, direct)
         except FitError:
             return
         rates = np.log(1 / np.geomspace(0.3, data.longest / 2, ADDED_POLES))
@@ -71,7 +73,7 @@ def identify_modal(data: TrainingData, known: Subspace, judged: bool = True) -> 
         Data that carry no transfer function (`TrainingData.check`), more poles than the data carry.
     """
     assert known.participations is not None
-    problem = ModalProblem(problem_of(data, known.order, False))
+    problem = ModalProblem(problem_of(data, known.order, known.has_direct))
     own = known.participations * problem.scales
     own = own / np.linalg.norm(own, axis=1, keepdims=True)
     start = ModalStart(np.array([section.theta[0] for section in known.sections]), own)
@@ -101,9 +103,9 @@ def fitted_as(
     )
 
 
-def _problem(data: TrainingData, order: int) -> ModalProblem:
+def _problem(data: TrainingData, order: int, direct: bool) -> ModalProblem:
     """The problem on as many rows as starts are compared on."""
-    whole = problem_of(data, order, False)
+    whole = problem_of(data, order, direct)
     return ModalProblem(replace(whole, stride=max(whole.stride, data.rows // MAX_START_ROWS)))
 
 
@@ -142,19 +144,22 @@ def _model(found: Minimum[ModalPoint], judged: bool) -> Subspace:
     turned = point.start.participations / point.problem.scales
     sizes = np.linalg.norm(turned, axis=1, keepdims=True)
     tangents = point.tangents / point.problem.scales
-    zero = np.zeros((n + n * m, n + n * m))
+    d = m * point.problem.problem.direct
+    zero = np.zeros((n + n * m + d, n + n * m + d))
     covariances, variances = [zero] * len(point.linear), (point.losses / point.rows).tolist()
     if judged:
-        errors = [[(point.errors_of(piece)[k] @ piece.values) for piece in point.pieces]
-                  for k in range(len(point.linear))]  # fmt: skip
+        own = [point.errors_of(piece) @ piece.values for piece in point.pieces]
+        own = [point.problem.problem.spread(j, each, np.nan) for j, each in enumerate(own)]
+        errors = [[each[k] for each in own] for k in range(len(point.linear))]
         taken = sum(piece.taken.shape[1] for piece in point.pieces)
         found_covariances, variances = joint_covariances(
-            point.linearized, errors, point.sensitivities, n, taken
+            point.linearized, errors, point.sensitivities, n + d, taken
         )
         covariances = []
         for linear, covariance in zip(point.linear, found_covariances, strict=True):
             # From rates, tangents and weights by pole to rates and weights by pole and input.
-            turn = np.zeros((n + n * m, n * m + n))
+            turn = np.zeros((n + n * m + d, n * m + n + d))
+            turn[n + n * m :, n * m + n :] = np.eye(d)
             turn[:n, :n] = np.eye(n)
             for k in range(n):
                 place = slice(n + k * m, n + (k + 1) * m)
@@ -164,13 +169,13 @@ def _model(found: Minimum[ModalPoint], judged: bool) -> Subspace:
     outputs = tuple(
         output_of(
             point.problem.problem, point, k, sections=point.start.sections,
-            weights=(linear[:n, None] * turned).ravel(), direct=np.zeros(0),
+            weights=(linear[:n, None] * turned).ravel(), direct=linear[n : n + d],
             covariance=covariances[k], sigma2=variances[k], method=METHOD,
             converged=found.converged, participations=turned / sizes,
         )
         for k, linear in enumerate(point.linear)
     )  # fmt: skip
-    own = sum(len(linear) for linear in point.linear)
+    linear_count = sum(len(linear) for linear in point.linear)
     # Candidates are compared as of all rows, also where some of them are fitted.
     whole = 2 * point.criterion * data.rows / point.rows
-    return Subspace(outputs, Criteria(whole, n * m + own, data.rows))
+    return Subspace(outputs, Criteria(whole, n * m + linear_count, data.rows))

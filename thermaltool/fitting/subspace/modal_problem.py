@@ -53,8 +53,8 @@ class Signals:
 
     Attributes
     ----------
-    values : ndarray, shape (N · m + N + experiments + N or 0 + p, rows)
-        Responses of every pole to every input, slopes of those to its combination, offsets,
+    values : ndarray, shape (N · m + N + others + N or 0 + p, rows)
+        Responses of every pole to every input, slopes of those to its combination, other columns,
         slopes of what the start leaves behind, outputs.
     taken : ndarray, shape (as many, N or 0)
         What the start explains.
@@ -77,9 +77,9 @@ class ModalPoint:
     ----------
     start : ModalStart
     problem : ModalProblem
-    linear : ndarray, shape (p, N + experiments)
-        Weights of every pole, offsets.
-    gram : ndarray, shape (N + experiments, N + experiments)
+    linear : ndarray, shape (p, N + others)
+        Weights of every pole, feedthrough of every input where there is any, offsets.
+    gram : ndarray, shape (N + others, N + others)
     losses : ndarray, shape (p,) [unit²]
     pieces : tuple of Signals
     """
@@ -127,16 +127,16 @@ class ModalPoint:
         found[modes, n * m + modes] = weights
         if piece.taken.shape[1]:
             left = self.errors_of(piece)[k] @ piece.taken
-            found[modes, n * m + n + self.problem.data.experiments + modes] = left
+            found[modes, n * m + n + self.problem.others + modes] = left
         for j, (weight, own) in enumerate(zip(weights, self.tangents, strict=True)):
             at = n + j * (m - 1)
             found[at : at + m - 1, j * m : (j + 1) * m] = weight * own
         return found
 
     def columns_of(self, piece: Signals) -> Array:
-        """The linear columns as sums of signals of a piece, shape (N + experiments, signals)."""
+        """The linear columns as sums of signals of a piece, shape (N + others, signals)."""
         n, m = self.start.participations.shape
-        return _mixing(self.start.participations, self.problem.data.experiments,
+        return _mixing(self.start.participations, self.problem.others,
                        len(piece.values), n * m + n)  # fmt: skip
 
     def errors_of(self, piece: Signals) -> Array:
@@ -165,10 +165,11 @@ class ModalPoint:
     def sensitivities(self) -> Iterator[Sensitivities]:
         """How every piece follows the parameters."""
         place = np.arange(len(self.gram))
-        for piece in self.pieces:
-            columns = self.columns_of(piece) @ piece.values
+        for j, piece in enumerate(self.pieces):
+            values = self.problem.problem.spread(j, piece.values)
+            columns = self.columns_of(piece) @ values
             slopes = [
-                self.slopes_of(k, piece) @ piece.values - f.by_searched.T @ columns
+                self.slopes_of(k, piece) @ values - f.by_searched.T @ columns
                 for k, f in enumerate(self.linearized)
             ]
             yield Sensitivities(place, slopes, [columns] * len(slopes))
@@ -181,7 +182,6 @@ class ModalProblem:
     Attributes
     ----------
     problem : SubspaceProblem
-        Without feedthrough: a fast pole stands for it.
     """
 
     problem: SubspaceProblem
@@ -191,6 +191,11 @@ class ModalProblem:
         """What is fitted."""
         return self.problem.data
 
+    @property
+    def others(self) -> int:
+        """Linear columns beside those of the poles: feedthrough of every input, offsets."""
+        return len(self.data.inputs) * self.problem.direct + self.data.experiments
+
     @cached_property
     def scales(self) -> Array:
         """Deviation of every input, shape (m,); one where it stands still."""
@@ -198,7 +203,7 @@ class ModalProblem:
         return np.asarray(np.where(deviation > 0, deviation, 1.0))
 
     def _responses(self, j: int, rates: Array) -> Array:
-        """Responses to the scaled inputs and offsets, shape (N · m + experiments, rows)."""
+        """Responses to the scaled inputs and other columns, shape (N · m + others, rows)."""
         found = self.problem.shared(j, ModalStart(rates, np.zeros((0, 0))).sections)
         found[: len(rates) * len(self.scales)] /= np.tile(self.scales, len(rates))[:, None]
         return found
@@ -206,8 +211,8 @@ class ModalProblem:
     def _slopes(self, j: int, start: ModalStart) -> Array:
         """Slopes of every pole's response to its combination of the inputs, shape (N, rows)."""
         driven = self.problem.driven[j] / self.scales[:, None]
-        holds, stride = self.data.holds, self.problem.stride
-        found = np.zeros((len(start.rates), -(-driven.shape[1] // stride)))
+        holds = self.data.holds
+        found = np.zeros((len(start.rates), int(self.problem.known[j].sum())))
         for hold in set(holds):
             alike = [own == hold for own in holds]
             mixed = start.participations[:, alike] @ driven[alike]
@@ -216,12 +221,11 @@ class ModalProblem:
                     responses(PoleSection((float(rate + sign),)), drive[None], (hold,))
                     for sign in (LOG_DIFFERENCE, -LOG_DIFFERENCE)
                 )
-                found[k] += (faster - slower)[0, ::stride] / (2 * LOG_DIFFERENCE)
+                slope = (faster - slower)[0] / (2 * LOG_DIFFERENCE)
+                found[k] += self.problem.counted(j, slope)
         return found
 
     def _free(self, j: int, rates: Array) -> Array:
-        if not len(rates):
-            return np.zeros((0, -(-len(self.data.records[j]) // self.problem.stride)))
         return self.problem.free(j, ModalStart(rates, np.zeros((0, 0))).sections)
 
     def signals(self, j: int, start: ModalStart, further: Array | None = None) -> Signals:
@@ -234,10 +238,8 @@ class ModalProblem:
         further : ndarray, optional
             Logarithms of rates whose responses follow those of the others; then without slopes.
         """
-        (n, m), record = start.participations.shape, self.data.records[j]
-        e = self.data.experiments
-        y = self.data.y[j] - self.problem.centres[:, [record.origin]]
-        y, free = y[:, :: self.problem.stride], self._free(j, start.rates)
+        (n, m), e = start.participations.shape, self.others
+        y, free = self.problem.measured(j), self._free(j, start.rates)
         if further is not None:
             parts = [self._responses(j, np.append(start.rates, further)), y]
         else:
@@ -262,7 +264,7 @@ class ModalProblem:
         """
         n, m = start.participations.shape
         pieces = tuple(self.signals(j, start) for j in range(len(self.data.records)))
-        p, e = len(self.data.outputs), self.data.experiments
+        p, e = len(self.data.outputs), self.others
         gram, cross, power = np.zeros((n + e, n + e)), np.zeros((n + e, p)), np.zeros(p)
         for piece in pieces:
             mixing = _mixing(start.participations, e, len(piece.values), n * m + n)
@@ -289,7 +291,7 @@ class ModalProblem:
         rates : ndarray
             Logarithms of those that are tried.
         """
-        start, p, e = point.start, len(self.data.outputs), self.data.experiments
+        start, p, e = point.start, len(self.data.outputs), self.others
         n, m = start.participations.shape
         whole: Array | None = None
         for j in range(len(self.data.records)):
@@ -317,12 +319,12 @@ class ModalProblem:
         return [each for _, each in sorted(found, key=lambda pair: -pair[0])]
 
 
-def _mixing(participations: Array, experiments: int, signals: int, offsets_at: int) -> Array:
-    """The linear columns as sums of signals, shape (N + experiments, signals)."""
+def _mixing(participations: Array, others: int, signals: int, others_at: int) -> Array:
+    """The linear columns as sums of signals, shape (N + others, signals)."""
     n, m = participations.shape
-    found = np.zeros((n + experiments, signals))
+    found = np.zeros((n + others, signals))
     for k, b in enumerate(participations):
         found[k, k * m : (k + 1) * m] = b
-    rows = np.arange(experiments)
-    found[n + rows, offsets_at + rows] = 1.0
+    rows = np.arange(others)
+    found[n + rows, others_at + rows] = 1.0
     return found

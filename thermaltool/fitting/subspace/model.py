@@ -12,6 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from thermaltool.fitting.data import Array, TrainingData
+from thermaltool.fitting.error_model import known_runs
 from thermaltool.fitting.joint import JointModel
 from thermaltool.fitting.output_model import ContinuousTerm, OutputModel
 from thermaltool.fitting.subspace.sections import PoleSection, all_poles, combined
@@ -191,7 +192,9 @@ class SubspaceOutput(OutputModel):
 
     def residuals(self, data: TrainingData) -> Iterator[tuple[Array, Array]]:
         for record in data.records:
-            yield record.column(self.target) - self.simulate(record), record.matrix(self.names)
+            error, u = record.column(self.target) - self.simulate(record), record.matrix(self.names)
+            for run in known_runs(error):
+                yield error[run], u[:, : run.stop]
 
     def _from_rest(self, record: Record, levels: Array) -> Array:
         inputs = record.matrix(self.names)

@@ -59,7 +59,7 @@ class SubspacePlan(Plan):
     def data_sets(
         self, logs: Sequence[Record], inputs: Sequence[str], outputs: Sequence[str]
     ) -> list[TrainingData]:
-        return [even_training_data(logs, inputs, outputs, parted=True)]
+        return [even_training_data(logs, inputs, outputs, missing="row")]
 
     def start(self, data: TrainingData) -> TrainingData:
         """Rest, unless a free state is clearly better, and predicts rows held out better, too.

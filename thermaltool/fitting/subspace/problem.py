@@ -13,6 +13,7 @@ from functools import cached_property
 from itertools import pairwise
 
 import numpy as np
+from numpy.typing import NDArray
 
 from thermaltool.fitting.data import Array, TrainingData
 from thermaltool.fitting.joint import MIN_LOSS, ProjectedOutput, criterion
@@ -68,7 +69,7 @@ class SubspaceProblem:
     Attributes
     ----------
     data : TrainingData
-        On an even clock, outputs without holes.
+        On an even clock. A row counts where no output is missing.
     direct : bool
         Whether the outputs follow the inputs of the same row.
     stride : int
@@ -83,21 +84,61 @@ class SubspaceProblem:
     real: bool = False
 
     @cached_property
+    def known(self) -> tuple[NDArray[np.bool_], ...]:
+        """Which rows of each piece count, of every `stride`-th."""
+        every = (np.isfinite(y[:, :: self.stride]) for y in self.data.y)
+        return tuple(np.logical_and.reduce(each, axis=0) for each in every)
+
+    def counted(self, j: int, rows: Array) -> Array:
+        """Rows of piece j that count, shape (..., rows).
+
+        Parameters
+        ----------
+        j : int
+        rows : ndarray, shape (..., n)
+        """
+        thin = rows[..., :: self.stride]
+        return thin if self.known[j].all() else thin[..., self.known[j]]
+
+    def spread(self, j: int, counted: Array, missing: float = 0.0) -> Array:
+        """Values of the rows of piece j that count, on its clock.
+
+        Parameters
+        ----------
+        j : int
+        counted : ndarray, shape (..., rows)
+        missing : float
+            What stands for the other rows.
+        """
+        known = self.known[j]
+        if known.all():
+            return counted
+        found = np.full((*counted.shape[:-1], len(known)), missing)
+        found[..., known] = counted
+        return found
+
+    @cached_property
     def centres(self) -> Array:
         """Mean of every output in every experiment, shape (p, experiments)."""
         found = np.zeros((len(self.data.outputs), self.data.experiments))
         for origin in range(self.data.experiments):
-            own = [y for r, y in zip(self.data.records, self.data.y, strict=True)
-                   if r.origin == origin]  # fmt: skip
-            found[:, origin] = np.hstack(own).mean(axis=1)
+            own = np.hstack([y for r, y in zip(self.data.records, self.data.y, strict=True)
+                             if r.origin == origin])  # fmt: skip
+            own = own[:, np.isfinite(own).all(axis=0)]
+            if own.size:
+                found[:, origin] = own.mean(axis=1)
         return found
+
+    def measured(self, j: int) -> Array:
+        """Outputs of piece j about the centres, shape (p, rows)."""
+        y = self.data.y[j] - self.centres[:, [self.data.records[j].origin]]
+        return self.counted(j, y)
 
     @cached_property
     def powers(self) -> Array:
         """Squares of all outputs about the centres, shape (p,)."""
-        parts = [y - self.centres[:, [r.origin]]
-                 for r, y in zip(self.data.records, self.data.y, strict=True)]  # fmt: skip
-        return np.maximum(np.sum(np.hstack(parts)[:, :: self.stride] ** 2, axis=1), 1e-300)
+        whole = np.hstack([self.measured(j) for j in range(len(self.data.records))])
+        return np.maximum(np.sum(whole**2, axis=1), 1e-300)
 
     @cached_property
     def driven(self) -> tuple[Array, ...]:
@@ -118,25 +159,25 @@ class SubspaceProblem:
         """Columns of piece j that all pieces share, shape (S, rows)."""
         data, record = self.data, self.data.records[j]
         stood = data.u[j][:, 0] - data.levels[record.origin]
-        m, kept = len(stood), -(-len(record) // self.stride)
+        m, kept = len(stood), int(self.known[j].sum())
         found = np.zeros((self.linear_count(sum(s.states for s in sections)), kept))
         for section, place in zip(sections, self.places(sections), strict=True):
-            each = responses(section, self.driven[j], data.holds)[:, :: self.stride]
+            each = self.counted(j, responses(section, self.driven[j], data.holds))
             # The first state of each section has a steady state of one, the second none.
             each[:: section.states] += stood[:, None]
             found[place] = each
         if self.direct:
             at = -data.experiments - m
-            found[at : -data.experiments] = (self.driven[j] + stood[:, None])[:, :: self.stride]
+            found[at : -data.experiments] = self.counted(j, self.driven[j] + stood[:, None])
         found[record.origin - data.experiments] = 1.0
         return found
 
     def free(self, j: int, sections: tuple[PoleSection, ...]) -> Array:
         """What any state at the start of piece j leaves behind, shape (N, rows); (0, rows)."""
         record = self.data.records[j]
-        if record.at_rest:
-            return np.zeros((0, -(-len(record) // self.stride)))
-        return np.vstack([s.free(len(record))[:, :: self.stride] for s in sections])
+        if record.at_rest or not sections:
+            return np.zeros((0, int(self.known[j].sum())))
+        return self.counted(j, np.vstack([s.free(len(record)) for s in sections]))
 
     def project(self, sections: tuple[PoleSection, ...]) -> SubspacePoint:
         """All that is linear for these poles.
@@ -148,9 +189,8 @@ class SubspaceProblem:
         size = self.linear_count(sum(s.states for s in sections))
         gram, cross = np.zeros((size, size)), np.zeros((size, len(self.data.outputs)))
         shared, measured, taken = [], [], []
-        for j, record in enumerate(self.data.records):
-            columns, free = self.shared(j, sections), self.free(j, sections)
-            y = (self.data.y[j] - self.centres[:, [record.origin]])[:, :: self.stride]
+        for j in range(len(self.data.records)):
+            columns, free, y = self.shared(j, sections), self.free(j, sections), self.measured(j)
             if len(free):
                 both = np.vstack([columns, y])
                 off = solve(free @ free.T, free @ both.T).T
@@ -171,6 +211,11 @@ class SubspaceProblem:
             sections, linear, starts, np.maximum(losses, MIN_LOSS * self.powers), gram,
             tuple(shared), errors,
         )  # fmt: skip
+
+    def errors_on_clock(self, point: SubspacePoint) -> list[list[Array]]:
+        """Errors of every output in each piece; NaN in rows that do not count."""
+        each = [self.spread(j, own, np.nan) for j, own in enumerate(point.errors)]
+        return [[own[k] for own in each] for k in range(len(self.data.outputs))]
 
     def slopes(self, j: int, point: SubspacePoint) -> Array:
         """How piece j of each output follows the logarithms, shape (p, N, rows).
@@ -196,7 +241,7 @@ class SubspaceProblem:
                     if begun:
                         free = other.free(len(self.data.records[j]))
                         signal = signal + point.starts[j][:, at : at + n] @ free
-                    beside.append(signal[:, :: self.stride])
+                    beside.append(self.counted(j, signal))
                 found[:, at + k] = (beside[0] - beside[1]) / (2 * LOG_DIFFERENCE)
             at += n
         if begun:

@@ -8,7 +8,7 @@ De Moor 1996, chapters 2 and 4). What is linear for given poles is found elsewhe
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -26,6 +26,8 @@ MAX_BLOCK_ROWS, MIN_BLOCK_ROWS = 20, 3
 MAX_MATRIX_ROWS, MAX_WINDOWS = 500, 12000
 # Each rate averages so many rows of the one before; the slowest leaves so many windows.
 RATE_STEP, MIN_WINDOWS = 5, 60
+# Missing rows in a row over which a line is drawn.
+MAX_DRAWN_ROWS = 3
 # Poles are kept between these magnitudes: the logarithm of what is beyond says nothing.
 MIN_RADIUS, MAX_RADIUS = 1e-3, 1 - 1e-5
 
@@ -71,19 +73,22 @@ def realizations(data: TrainingData, order: int) -> list[Realization]:
     Parameters
     ----------
     data : TrainingData
-        On an even clock, outputs without holes.
+        On an even clock.
     order : int
         The largest that is asked for.
     """
     m, p = len(data.inputs), len(data.outputs)
     least = max(MIN_BLOCK_ROWS, -(-order // p) + 1)
     block = max(least, min(MAX_BLOCK_ROWS, MAX_MATRIX_ROWS // (2 * (m + p))))
-    scale = _scales(data)
+    whole = list(_without_holes(data))
+    if not whole:
+        return []
+    scale = _scales([part for _, part in whole])
+    whole = [(origin, part / scale[:, None]) for origin, part in whole]
     found = []
     span = 1
     while True:
-        parts = [(r.origin, _averaged(np.vstack([y, u]) / scale[:, None], span))
-                 for r, u, y in zip(data.records, data.u, data.y, strict=True)]  # fmt: skip
+        parts = [(origin, _averaged(part, span)) for origin, part in whole]
         windows = sum(max(part.shape[1] - 2 * block + 1, 0) for _, part in parts)
         if windows < MIN_WINDOWS + (data.experiments if span > 1 else 0):
             break
@@ -92,9 +97,22 @@ def realizations(data: TrainingData, order: int) -> list[Realization]:
     return found
 
 
-def _scales(data: TrainingData) -> Array:
-    whole = np.vstack([np.hstack(data.y), np.hstack(data.u)])
-    deviation = whole.std(axis=1)
+def _without_holes(data: TrainingData) -> Iterator[tuple[int, Array]]:
+    """Outputs and inputs of all pieces with their experiments, shape (p + m, rows).
+
+    Straight lines are drawn over short holes of the outputs: what is linear is not fitted here.
+    """
+    for record, u, y in zip(data.records, data.u, data.y, strict=True):
+        known = np.flatnonzero(np.isfinite(y).all(axis=0))
+        for rows in np.split(known, np.flatnonzero(np.diff(known) > MAX_DRAWN_ROWS + 1) + 1):
+            if len(rows):
+                clock = np.arange(rows[0], rows[-1] + 1)
+                drawn = [np.interp(clock, rows, own[rows]) for own in y]
+                yield record.origin, np.vstack([*drawn, u[:, clock]])
+
+
+def _scales(parts: Sequence[Array]) -> Array:
+    deviation = np.hstack(parts).std(axis=1)
     return np.asarray(np.where(deviation > 0, deviation, 1.0))
 
 
