@@ -86,6 +86,19 @@ def test_what_decides(
     assert verdict_of({"d_y_um": budget}, ()) == verdict
 
 
+def test_what_the_calibration_leaves_open_is_told_by_its_drive() -> None:
+    """A fan that nearly always ran with the heater runs alone another day."""
+    other = np.repeat(np.random.default_rng(6).uniform(-0.1, 0.1, 60), 20)
+    fan = np.clip(DUTY + other, 0, 1)
+    plan = CalibrationPlan(("Q_main_1", "Q_fan_1"), (), ("d_y_um",))
+    known = log(machine(DUTY + 0.5 * fan, 7), "together").with_columns({"Q_fan_1": fan})
+    model = calibrate([known], plan)
+    alone = log(machine(0.5 * DUTY, 8), "alone", 0 * DUTY).with_columns({"Q_fan_1": DUTY})
+    found = diagnose(model, [alone])
+    assert found.verdict == "cannot judge"
+    assert "leaves open the response to Q_fan_1, which makes" in found.undecided[0]
+
+
 def test_what_a_log_shows_about_once_is_not_judged() -> None:
     slow, shown = (ResidualBudget(3.0, 3.0, 3.0, 1.0, 1.0, 1.1, 0.0, rows) for rows in (1.0, 50.0))
     assert verdict_of({"d_y_um": slow}, ()) == "cannot judge"

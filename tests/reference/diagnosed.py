@@ -28,7 +28,9 @@ MODEL = Model(
     terms=(Term(DRIVE, OUTPUT, Deflection(A=50.0, a=0.002, B=20.0, b=5e-4, D=-0.01, d=0.001)),),
     sample_period=10.0,
 )
-UNDECIDED = "d_z_um: the calibration leaves b open, by which this log moves 3 µm"
+UNDECIDED = (
+    "d_z_um: the calibration leaves open the response to Q_main_1, which makes 3 µm in this log"
+)
 BEFORE = Agreement(20.0, 40.0, 12.0, 60.0, 1.0, 71.0, 2160)
 AFTER = Agreement(10.0, 12.0, 8.0, 20.0, 1.0, 91.0, 2160)
 SOURCE = SecondSource(BED, {f"gain[{OUTPUT}]": 0.6, "time_constant": 840.0})

@@ -238,6 +238,12 @@ class OutputNuisance:
         lags: Sequence[tuple[str, float]] = self._known.get("lags", ())
         return lags
 
+    @property
+    def moving(self) -> list[str]:
+        """Drive of each column of `moves`."""
+        terms = self.simulation.model.terms
+        return [terms[e.term].drive for e in self.own] + [drive for drive, _ in self._lag_bank]
+
     @cached_property
     def moves(self) -> Series:
         """Change of the output per unit of each of its `own` parameters and `lags`, (n, p + q)."""

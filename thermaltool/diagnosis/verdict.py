@@ -23,6 +23,9 @@ from thermaltool.units import parse_channel, printed
 
 # What is left beside named causes is told from this share of the RMS that was there before them.
 MIN_SHARE_LEFT = 0.2
+# Where responses together move an output less than so many times what one of them does, they are
+# not told apart.
+MAX_APART = 0.7
 # A condition holds what is left where its share of the power exceeds that of the time by so much.
 MIN_EXCESS = 0.15
 
@@ -68,8 +71,8 @@ def undecided(hypothesis: Hypothesis, budgets: Mapping[str, ResidualBudget]) -> 
         unit = printed(parse_channel(output).unit)
         if each.allowed >= ADEQUATE_SHARE > each.accounted:
             found.append(
-                f"{output}: the calibration leaves {_most_open(hypothesis, output)} open, by which "
-                f"this log moves {np.sqrt(each.shown**2 - each.unexplained**2):.3g} {unit}: "
+                f"{output}: the calibration leaves open {_most_open(hypothesis, output)}, which "
+                f"makes {np.sqrt(each.shown**2 - each.unexplained**2):.3g} {unit} in this log: "
                 "calibrate on this log beside the calibration's own"
             )
         elif each.too_large:
@@ -120,16 +123,18 @@ def nothing_moves(hypothesis: Hypothesis) -> str | None:
 
 
 def _most_open(hypothesis: Hypothesis, output: str) -> str:
-    """The parameter by whose move the calibration explains most of an output."""
+    """What the calibration leaves open that explains most of an output."""
     nuisance = hypothesis.nuisance[output]
     fitted = hypothesis.evidence[output].fitted(hypothesis.assumptions, nuisance.group)
     changes = hypothesis.groups[output].joined(nuisance.moves) * (nuisance.prior.root @ fitted)
-    own = np.std(changes, axis=0)[: len(nuisance.own)]
-    if not len(own):
-        return "the response"
-    each = nuisance.own[int(np.argmax(own))]
-    term = hypothesis.model.terms[each.term]
-    return f"{each.name} of the response to {term.drive}"
+    drives = list(dict.fromkeys(nuisance.moving))
+    own = [changes[:, [each == d for each in nuisance.moving]].sum(axis=1) for d in drives]
+    order = np.argsort([-float(np.std(each)) for each in own])
+    first, *rest = (drives[k] for k in order)
+    # What one response gains the other loses: together they are known better than each alone.
+    if rest and np.std(changes.sum(axis=1)) < MAX_APART * np.std(own[order[0]]):
+        return f"how much of it {first} and {rest[0]} move each"
+    return f"the response to {first}"
 
 
 def unknown_cause(
