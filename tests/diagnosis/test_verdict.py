@@ -86,6 +86,7 @@ def test_what_decides(
     assert verdict_of({"d_y_um": budget}, ()) == verdict
 
 
+@pytest.mark.slow
 def test_what_the_calibration_leaves_open_is_told_by_its_drive() -> None:
     """A fan that nearly always ran with the heater runs alone another day."""
     other = np.repeat(np.random.default_rng(6).uniform(-0.1, 0.1, 60), 20)
