@@ -6,7 +6,8 @@ from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from difflib import get_close_matches
 from functools import cached_property
-from typing import Self
+from itertools import pairwise
+from typing import Literal, Self
 
 import numpy as np
 from numpy.typing import NDArray
@@ -21,6 +22,7 @@ Rows = NDArray[np.bool_]
 MAX_UNEVENNESS = 0.02
 
 
+_SIDES: tuple[Literal["left", "right"], ...] = ("left", "right")
 # Gaps that are printed one by one.
 MAX_PRINTED_GAPS = 5
 
@@ -172,19 +174,21 @@ class Record:
         )
 
     def with_rows(self, time: Array, columns: Mapping[str, Array]) -> Self:
-        """The record with rows between its own, in segments that go on until the next begins.
+        """The record with rows between its own; those in a pause are a segment of their own.
 
         Parameters
         ----------
         time : ndarray, shape (m,) [s]
-            Increasing; after the first row.
+            Increasing; after the first row, and none that the record has.
         columns : mapping of str to ndarray, shape (m,)
             The other channels are missing there.
         """
         at = np.searchsorted(self.time, time, side="right")
-        moved = [at.searchsorted(s.start, side="right") + s.start for s in self.segments]
-        stops = [*moved[1:], len(self) + len(time)]
         nothing = np.full(len(time), np.nan)
+        starts = [s.start for s in self.segments]
+        # Where the rows before a segment start now, and the segment itself.
+        bounds = [k + int(at.searchsorted(k, side)) for k in starts for side in _SIDES]
+        edges = sorted({*bounds, len(self) + len(time)})
         return replace(
             self,
             time=np.insert(self.time, at, time),
@@ -192,7 +196,7 @@ class Record:
                 name: np.insert(values, at, columns.get(name, nothing))
                 for name, values in self.columns.items()
             },
-            segments=tuple(slice(int(a), int(b)) for a, b in zip(moved, stops, strict=True)),
+            segments=tuple(slice(a, b) for a, b in pairwise(edges)),
         )
 
     def between(self, start: float | None, stop: float | None) -> Self:

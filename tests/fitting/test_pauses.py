@@ -10,6 +10,7 @@ import pytest
 from scipy.linalg import expm
 
 import thermaltool as tt
+from thermaltool.api.pauses import placed_in_pauses
 from thermaltool.fitting.pauses import switches_in_pauses
 from thermaltool.model import Drive
 from thermaltool.record import Record
@@ -119,9 +120,54 @@ def test_a_switch_in_a_pause_is_no_cause():
     assert found.diagnosis.verdict == "adequate"
 
 
-def test_rows_between_others_are_part_of_the_segment_before():
+def test_rows_in_a_pause_are_a_segment_of_their_own():
     record = Record(np.array([0.0, 1, 2, 9, 10]), {"a": np.arange(5.0)}, (slice(0, 3), slice(3, 5)))
     more = record.with_rows(np.array([1.5, 5.0, 9.5]), {"a": np.array([7.0, 8.0, 9.0])})
     assert more.time.tolist() == [0, 1, 1.5, 2, 5, 9, 9.5, 10]
     assert more.columns["a"].tolist() == [0, 1, 7, 2, 8, 3, 9, 4]
-    assert more.segments == (slice(0, 5), slice(5, 8))
+    assert more.segments == (slice(0, 4), slice(4, 5), slice(5, 8))
+
+
+@pytest.mark.parametrize("late", [100.0, 300.0, 1000.0])
+def test_a_switch_shortly_before_the_end_of_a_long_pause_is_found(late):
+    """Sixteen hours, of which the outputs remember the last minutes."""
+    rows, away = 900, 57600.0
+    time = DT * np.arange(rows) + np.where(np.arange(rows) < 450, 0.0, away)
+    heater = np.repeat([0.0, 60.0, 0.0, 90.0, 30.0, 90.0, 0.0, 60.0, 90.0], 100)
+    heater[430:450], heater[450:500] = 0.0, 90.0
+    y, level, kept = np.zeros(rows), 0.0, np.exp(-DT / 400)
+    for k in range(1, rows):
+        if k == 450:
+            level = 0.05 * 90 * -np.expm1(-late / 400)
+        else:
+            level = kept * level + (1 - kept) * 0.05 * heater[k - 1]
+        y[k] = level
+    y += np.random.default_rng(10).normal(0, 0.01, rows)
+    record = Record(time, {HEATER: heater, OUTPUT: y})
+    (found,) = switches_in_pauses(record, DRIVES[:1], [OUTPUT])
+    assert found.ends - found.time == pytest.approx(late, rel=0.1)
+
+
+def test_what_else_is_measured_goes_on_over_a_pause():
+    """A channel that is neither drive nor output: an effect of another model may read it."""
+    record = paused(11, 500, 40, ((520, 90.0), (None, 0.0)))
+    room = 20.0 + record.time / 3600
+    frame = pd.DataFrame({"time_s": record.time, **record.columns, "T_room_degC": room})
+    said: list[str] = []
+    placed = placed_in_pauses(tt.read_log(frame), [HEATER], [OUTPUT], said.append)
+    assert len(placed) == len(frame) + 2
+    np.testing.assert_allclose(placed.column("T_room_degC"), 20.0 + placed.time / 3600)
+    assert np.isnan(placed.column(OUTPUT)).sum() == 2
+    assert np.isfinite(placed.column(FAN)).all()
+
+
+def test_rows_that_are_judged_do_not_say_when_a_command_has_changed():
+    """What happens after the pause alone is an error of the model that is judged there."""
+    record = paused(12, 500, 40, ((520, 90.0), (None, 0.0)))
+    frame = pd.DataFrame({"time_s": record.time, **record.columns})
+    said: list[str] = []
+    fit = tt.calibrate(frame.iloc[:500], [HEATER, FAN], sensors=[OUTPUT], warn=said.append)
+    start, said = float(record.time[500]), []
+    run = tt.simulate(fit, frame, start=start, warn=said.append)
+    assert not any("in this pause" in each for each in said)
+    assert run.agreements[OUTPUT].rmse > 0.1

@@ -216,11 +216,11 @@ def calibrate(
             warn(f"{log.name}: the same log again counts twice: the intervals are too narrow")
     if reduction is not None:
         return _reduced(logs, plan, reduction, warn)
-    logs = [placed_in_pauses(log, drives, outputs, warn) for log in logs]
     for log, rows in zip(logs, averaged_rows(logs), strict=True):
         if rows > 1:
             count = f"{len(log):,}".replace(",", " ")
             warn(f"{log.name}: {count} rows: every {rows} are averaged for the fit")
+    logs = [placed_in_pauses(log, drives, outputs, warn) for log in logs]
     if contacts:
         from thermaltool.fitting.joint_sources import calibrate_joint
 

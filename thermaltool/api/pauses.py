@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import contextlib
 from collections.abc import Sequence
 from typing import TYPE_CHECKING
 
@@ -9,6 +10,7 @@ from thermaltool.api.inputs import Notice
 
 if TYPE_CHECKING:
     from thermaltool.logs import Log
+    from thermaltool.units import Hold
 
 
 def placed_in_pauses(
@@ -34,6 +36,7 @@ def placed_in_pauses(
     if not any(pauses_with_switch(log.column(name), steps) for name in held):
         return log
 
+    from thermaltool.errors import UnitError
     from thermaltool.fitting.pauses import switch_rows, switches_in_pauses
     from thermaltool.model import Drive
     from thermaltool.report.text import pause_switch_message
@@ -43,4 +46,9 @@ def placed_in_pauses(
     found = switches_in_pauses(log if shown is None else shown, own, outputs)
     for switch in found:
         warn(pause_switch_message(log, switch))
-    return log.with_rows(*switch_rows(log, own, found)) if found else log
+    holds: dict[str, Hold] = {}
+    for name in log.columns if found else ():
+        # A column without a unit is read by nothing.
+        with contextlib.suppress(UnitError):
+            holds |= {} if name in outputs else {name: hold_of(name)}
+    return log.with_rows(*switch_rows(log, holds, found)) if found else log

@@ -180,19 +180,22 @@ def simulate(
     absent = [o.channel for o in model.outputs if o.channel not in log.columns]
     if 0 < len(absent) < len(model.outputs):
         warn(f"{log.name}: not in the log, so simulated and not judged: {', '.join(absent)}")
-    as_read, outputs = log, [output.channel for output in model.outputs]
-    log = placed_in_pauses(log, [drive.channel for drive in model.drives], outputs, warn)
+    if len(log):
+        log.between(start, stop)  # where there is none it says which rows there are
+    low, high = (-np.inf if start is None else start), (np.inf if stop is None else stop)
+    # Where no row is kept apart, all say how the log begins.
+    first = np.inf if start is None else start
+    as_read, outputs = log, [o.channel for o in model.outputs if o.channel in log.columns]
+    # Rows that are judged do not say when a command has changed.
+    seen = {name: np.where(log.time < first, log.columns[name], np.nan) for name in outputs}
+    log = placed_in_pauses(
+        log, [drive.channel for drive in model.drives], outputs, warn, log.with_columns(seen)
+    )
     drives = Record(log.time, {name: log.column(name) for name in need}, digest=log.digest)
     simulated = model.simulate(drives)
     columns: dict[str, Any] = {"time_s": log.time}
     agreements, zeros, at_rest = {}, {}, {}
-    # Where no row is kept apart, all say how the log begins.
-    before = log.time < (np.inf if start is None else start)
-    judged = (log.time >= (-np.inf if start is None else start)) & (
-        log.time <= (np.inf if stop is None else stop)
-    )
-    if len(log) and not judged.any():
-        log.between(start, stop)  # says which rows there are
+    before, judged = log.time < first, (log.time >= low) & (log.time <= high)
     started = started_outputs(model, log, simulated, initial, before)
     moved = {name: each.zero.value for name, each in started.items() if each.initial == "free"}
     for message in range_messages(log, model, moved):

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import sys
+from dataclasses import replace
 from typing import Any
 
 import click
@@ -51,6 +52,7 @@ def command(
     where it starts with {, else a log as --from says.
     """
     from thermaltool.api.inputs import refuse_unread
+    from thermaltool.api.pauses import placed_in_pauses
     from thermaltool.cli.messages import warn
     from thermaltool.errors import LogError
     from thermaltool.logs import Log
@@ -81,6 +83,13 @@ def command(
             raise LogError(f"--against takes a log (taken as: {reference.kind})", reference.name)
         contents.append(Content("reference", reference.name, reference.data))
     refuse_unread([each.data for each in contents if isinstance(each.data, Log)], (), warn)
+    outputs = [o.channel for c in contents if c.kind == "model" for o in c.data.outputs]
+    contents = [
+        replace(c, data=placed_in_pauses(c.data, need, outputs, warn))
+        if c.kind == "log" and need
+        else c
+        for c in contents
+    ]
     write_figure(lambda: draw(contents, channels), output)
     progress("done\n")
     if as_json:

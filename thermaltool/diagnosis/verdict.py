@@ -75,7 +75,7 @@ def undecided(hypothesis: Hypothesis, budgets: Mapping[str, ResidualBudget]) -> 
                 f"makes {np.sqrt(each.shown**2 - each.unexplained**2):.3g} {unit} in this log: "
                 "calibrate on this log beside the calibration's own"
             )
-        elif each.too_large:
+        elif each.too_large and not each.wrong:
             found.append(
                 f"{output}: {each.unexplained:.3g} {unit} RMS is left, so slow that these logs say "
                 "it about once: it may be chance. Diagnose a longer log, or several"

@@ -49,9 +49,9 @@ def with_missing_inputs(
     logs : sequence of Record
     inputs, outputs : sequence of str
     span : (float or None, float or None) [s]
-        The stretch that is fitted, and
+        The stretch that is fitted or held out.
     split : float, optional
-        its share: what is held out tells nothing, and no input in it is found.
+        Share of it that is fitted: no input is found in what is held out. Default: all.
     """
     if not any(len(log) > 1 and lacks_rows(log, logs[0].period) for log in logs):
         return list(logs)
@@ -173,7 +173,7 @@ def _moved(before: TrainingData, data: TrainingData, places: Sequence[Sequence[_
 def _with_rows(
     log: Record, data: TrainingData, places: Sequence[Sequence[_Place]], k: int
 ) -> Record:
-    """A log with rows in the places of its records, inputs and outputs alone."""
+    """A log with rows in the places of its records."""
     times, values = [np.empty(0)], [np.empty((len(data.inputs), 0))]
     for record, u, own in zip(data.records, data.u, places, strict=True):
         if data.logs[record.origin] == k:
@@ -181,17 +181,5 @@ def _with_rows(
             times.append(record.time[rows])
             values.append(u[:, rows])
     added, u = np.concatenate(times), np.hstack(values)
-    if not len(added):
-        return log
-    channels = (*data.inputs, *data.outputs)
-    y = np.full((len(data.outputs), len(added)), np.nan)
-    time = np.concatenate([log.time, added])
-    order = np.argsort(time, kind="stable")
-    columns: Array = np.hstack([log.matrix(channels), np.vstack([u, y])])[:, order]
-    edges = [int(np.searchsorted(time[order], log.time[s.start])) for s in log.segments]
-    stops = [*edges[1:], len(time)]
-    return Record(
-        time[order], dict(zip(channels, columns, strict=True)), digest=log.digest, name=log.name,
-        segments=tuple(slice(a, b) for a, b in zip(edges, stops, strict=True)),
-        at_rest=log.at_rest, origin=log.origin,
-    )  # fmt: skip
+    order = np.argsort(added, kind="stable")
+    return log.with_rows(added[order], dict(zip(data.inputs, u[:, order], strict=True)))

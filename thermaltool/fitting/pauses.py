@@ -9,32 +9,35 @@ a grid of rates, by least squares. No model takes part: a log says the same to e
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
+from scipy.linalg import solve
 from scipy.optimize import minimize_scalar
 
 from thermaltool.fitting.averaging import average
 from thermaltool.fitting.error_model import effective_share
-from thermaltool.fitting.projection import CalibrationProblem, GridStates, linear_least_squares
+from thermaltool.fitting.projection import CalibrationProblem, GridStates
 from thermaltool.model import Drive
 from thermaltool.record import Record
 from thermaltool.responses.modes import Float
 from thermaltool.responses.switching import pauses_with_switch
+from thermaltool.units import Hold
 
 # Switches whose instants are looked for: those that leave most heat open.
 MAX_SWITCHES = 16
-# More rows are averaged.
+# More rows are averaged: the search takes seconds.
 MAX_ROWS = 8000
-# Parts of a pause at whose ends an instant is tried first.
-PARTS = 12
+# Instants that are tried first, the nearer the end of a pause the closer: what has happened long
+# before it is forgotten.
+INSTANTS = 16
 # Rounds over all switches at most, and the share of a pause by which none moves after the last.
-ROUNDS, SETTLED = 8, 0.01
-# Rise of the log likelihood of all outputs from which an instant counts.
+ROUNDS, SETTLED = 3, 0.01
+# Rise of the log likelihood of all outputs from which an instant counts: odds of 20 000 to 1.
 DECISIVE = 10.0
-# Directions of the grid below this share of the largest say nothing.
-MIN_DIRECTION = 1e-6
+# Weights are held at zero by this share of the columns' squares: directions of rounding.
+RIDGE = 1e-10
 # From the level before to the one after [sample periods].
 EDGE = 1e-3
 
@@ -92,7 +95,7 @@ def switches_in_pauses(
             held = replace(switch, time=switch.ends)
             for view in views:
                 view.move(switch, held.time)
-            found[k] = replace(switch, time=_likeliest(views, held))
+            found[k] = replace(switch, time=_likeliest(views, held, record.period))
             for view in views:
                 view.move(held, found[k].time)
         moved = (
@@ -143,10 +146,13 @@ class _OutputView:
         """What all responses together leave with a switch, which is at the end, at an instant."""
         design, measured = self._design.copy(), self._problem.measured
         design[:, self._columns(switch)] += self._change(switch, at)
-        return np.asarray(measured - design @ linear_least_squares(design, measured, MIN_DIRECTION))
+        size = np.linalg.norm(design, axis=0)
+        design /= np.where(size > 0, size, 1.0)
+        normal = design.T @ design + RIDGE * np.eye(design.shape[1])
+        return np.asarray(measured - design @ solve(normal, design.T @ measured, assume_a="pos"))
 
 
-def _likeliest(views: Sequence[_OutputView], switch: PauseSwitch) -> float:
+def _likeliest(views: Sequence[_OutputView], switch: PauseSwitch, period: float) -> float:
     """Instant of largest likelihood of all outputs; the end of the pause where it is not sure."""
 
     def left(at: float) -> list[Float]:
@@ -155,10 +161,12 @@ def _likeliest(views: Sequence[_OutputView], switch: PauseSwitch) -> float:
     def misfit(at: float) -> float:
         return sum(len(r) * _log_rms(r) for r in left(at))
 
-    tried = np.linspace(switch.begins, switch.ends, PARTS + 1).tolist()
+    pause = switch.ends - switch.begins
+    before = np.append(0.0, np.geomspace(min(period, pause / 2), pause, INSTANTS))
+    tried = (switch.ends - before[::-1]).tolist()
     best = int(np.argmin([misfit(at) for at in tried]))
-    between = tried[max(best - 1, 0)], tried[min(best + 1, PARTS)]
-    finest = 1e-3 * (switch.ends - switch.begins)
+    between = tried[max(best - 1, 0)], tried[min(best + 1, INSTANTS)]
+    finest = 1e-2 * (between[1] - between[0])
     at = float(
         minimize_scalar(misfit, bounds=between, method="bounded", options={"xatol": finest}).x
     )
@@ -174,15 +182,21 @@ def _log_rms(residual: Float) -> float:
 
 
 def switch_rows(
-    record: Record, drives: Sequence[Drive], found: Sequence[PauseSwitch]
+    record: Record, holds: Mapping[str, Hold], found: Sequence[PauseSwitch]
 ) -> tuple[Float, dict[str, Float]]:
-    """Times [s] around each switch, and what the drives are then.
+    """Times around each switch, and what channels that are no output are then.
 
     Parameters
     ----------
     record : Record
-    drives : sequence of Drive
+    holds : mapping of channel to "zero" or "first"
+        Of each such channel between the rows.
     found : sequence of PauseSwitch
+
+    Returns
+    -------
+    ndarray, shape (m,) [s]
+    dict of channel to ndarray, shape (m,)
     """
     edge = EDGE * record.period
     # A switch right after the row before leaves no time for the level until then.
@@ -191,12 +205,12 @@ def switch_rows(
     )
     before = np.searchsorted(record.time, time, side="right") - 1
     levels = {}
-    for drive in drives:
-        level = record.column(drive.channel)
-        own = level[before] if drive.hold == "zero" else np.interp(time, record.time, level)
+    for name, hold in holds.items():
+        level = record.column(name)
+        own = level[before] if hold == "zero" else np.interp(time, record.time, level)
         for switch in found:
-            if switch.drive == drive.channel:
+            if switch.drive == name:
                 late = (time >= switch.time) & (time < switch.ends)
                 own[late] = level[before[late] + 1]
-        levels[drive.channel] = own
+        levels[name] = own
     return time, levels

@@ -16,6 +16,7 @@ from numpy.lib.stride_tricks import sliding_window_view
 from numpy.typing import NDArray
 
 from thermaltool.fitting.data import Array, TrainingData
+from thermaltool.fitting.even_clock import MAX_FILLED_ROWS
 
 Complex = NDArray[np.complex128]
 
@@ -26,8 +27,6 @@ MAX_BLOCK_ROWS, MIN_BLOCK_ROWS = 20, 3
 MAX_MATRIX_ROWS, MAX_WINDOWS = 500, 12000
 # Each rate averages so many rows of the one before; the slowest leaves so many windows.
 RATE_STEP, MIN_WINDOWS = 5, 60
-# Missing rows in a row over which a line is drawn.
-MAX_DRAWN_ROWS = 3
 # Poles are kept between these magnitudes: the logarithm of what is beyond says nothing.
 MIN_RADIUS, MAX_RADIUS = 1e-3, 1 - 1e-5
 
@@ -104,7 +103,7 @@ def _without_holes(data: TrainingData) -> Iterator[tuple[int, Array]]:
     """
     for record, u, y in zip(data.records, data.u, data.y, strict=True):
         known = np.flatnonzero(np.isfinite(y).all(axis=0))
-        for rows in np.split(known, np.flatnonzero(np.diff(known) > MAX_DRAWN_ROWS + 1) + 1):
+        for rows in np.split(known, np.flatnonzero(np.diff(known) > MAX_FILLED_ROWS + 1) + 1):
             if len(rows):
                 clock = np.arange(rows[0], rows[-1] + 1)
                 drawn = [np.interp(clock, rows, own[rows]) for own in y]
