@@ -306,8 +306,8 @@ class _Judgement:
         # sound.
         plain, alike = without_delays(found), without_delays(sound_ones(found))
         least = min((criterion(each, rows) for each in alike), default=np.inf)
-        delayed = least - criterion(best_of(found, rows), rows) > DECISIVE
-        self.found = list(found) if delayed else plain
+        self.delayed = least - criterion(best_of(found, rows), rows) > DECISIVE
+        self.found = list(found) if self.delayed else plain
         sound = sound_ones(self.found)
         self.least = criterion(best_of(sound, rows), rows)
         closest, kept = min(sound, key=lambda each: each.size), {id(each) for each in sound}
@@ -325,7 +325,9 @@ class _Judgement:
     def _before(self, each: FittedKinds, closest: FittedKinds) -> str:
         """Why a candidate is out before any row is held out; empty where it is not."""
         less = criterion(each, self.rows) > self.least + DECISIVE
-        return "less evidence" if less and self.data.counts(each.residual, closest.residual) else ""
+        # What a dead time leaves is large for a while after each switch, and little on the whole.
+        counts = self.delayed or self.data.counts(each.residual, closest.residual)
+        return "less evidence" if less and counts else ""
 
     def _held_out(self, each: FittedKinds, best: FittedKinds) -> str:
         """Why a candidate is out by rows held out; empty where it is not."""
