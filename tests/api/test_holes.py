@@ -93,7 +93,7 @@ def test_the_colour_of_errors_is_seen_through_holes():
     assert variance * power == pytest.approx(1 / (1 - 0.8**2), rel=0.3)
 
 
-@pytest.mark.parametrize(("structure", "said"), [("oe", False), ("arx", True), ("subspace", True)])
+@pytest.mark.parametrize(("structure", "said"), [("oe", False), ("arx", True), ("subspace", False)])
 def test_what_holes_cost_is_said_where_they_do(structure, said):
     rng = np.random.default_rng(20261124)
     log, _ = log_of(rng, outage(rng))

@@ -157,12 +157,12 @@ def even_records(
 def _drawn(time: Array, values: Array) -> Array:
     """A channel with straight lines over a few missing rows between two readings."""
     rows = np.flatnonzero(np.isfinite(values))
-    if not len(rows):
+    if len(rows) < 2:
         return values
     clock = np.arange(rows[0], rows[-1] + 1)
     run = np.diff(rows)[np.minimum(np.searchsorted(rows, clock, side="right"), len(rows) - 1) - 1]
     found = values.copy()
-    own = clock[run <= MAX_FILLED_ROWS + 1] if len(rows) > 1 else rows
+    own = clock[run <= MAX_FILLED_ROWS + 1]
     found[own] = np.interp(time[own], time[rows], values[rows])
     return found
 
