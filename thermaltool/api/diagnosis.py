@@ -17,7 +17,7 @@ from thermaltool.api.inputs import (
     warn_pauses,
     write_model,
 )
-from thermaltool.api.pauses import placed_in_pauses
+from thermaltool.api.pauses import switches_in, with_switches
 from thermaltool.api.result import Notice, Result, notice, silent
 from thermaltool.documents import source_name, write_whole
 from thermaltool.errors import LogError, ModelError, counted
@@ -274,24 +274,21 @@ def diagnose(
         warn_pauses(log, remarks.append, drives_over_pauses(drive.hold for drive in found.drives))
         return log
 
-    def placed(log: Log, say: Notice = silent, shown: Log | None = None) -> Log:
-        drives, outputs = found.drives, found.outputs
-        return placed_in_pauses(
-            log, [d.channel for d in drives], [o.channel for o in outputs], say, shown
-        )
-
     logs, unseen = (tuple(judged(each) for each in several) for several in (all_of(data), validate))
     _check_different([*logs, *unseen])
     calibration = _calibration_logs(found, [*logs, *unseen], reading)
     able = limits_of(limits, [name for log in logs for name in log.columns])
     sound = {log.digest: _without_spikes(log, found, reading)
              for log in (*logs, *unseen, *calibration)}  # fmt: skip
-    logs, unseen = (
-        tuple(placed(log, remarks.append, sound[log.digest]) for log in each)
-        for each in (logs, unseen)
-    )
-    calibration = tuple(placed(log, shown=sound[log.digest]) for log in calibration)
-    sound = {digest: placed(log) for digest, log in sound.items()}
+    drives, outputs = ([each.channel for each in group] for group in (found.drives, found.outputs))
+    changed = {digest: switches_in(log, drives, outputs) for digest, log in sound.items()}
+
+    def placed(group: Sequence[Log], say: Notice) -> tuple[Log, ...]:
+        return tuple(with_switches(log, changed[log.digest], outputs, say) for log in group)
+
+    logs, unseen = (placed(group, remarks.append) for group in (logs, unseen))
+    calibration = placed(calibration, silent)
+    sound = dict(zip(sound, placed(list(sound.values()), silent), strict=True))
     for remark in remarks:
         warn(remark)
     diagnosis = run(found, logs, unseen, progress, calibration, able, sound)

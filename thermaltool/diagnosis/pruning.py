@@ -14,7 +14,6 @@ from thermaltool.diagnosis.select import fit_candidate
 from thermaltool.diagnosis.simulation import without
 from thermaltool.diagnosis.state import DiagnosisTask, SearchState
 from thermaltool.diagnosis.verdict import unknown_cause
-from thermaltool.diagnosis.written import cannot_run, spoiled_by
 
 # Share of the misfit that a cause of the written model explains at least: told as 2 %.
 MIN_EXPLAINED = 0.02
@@ -136,14 +135,10 @@ def _harmless(task: DiagnosisTask, search: SearchState) -> SearchState:
 
 def _harmful(task: DiagnosisTask, search: SearchState) -> Cause | None:
     """The last cause without which the written model is better on some log."""
-    written, last = search.written(task), search.hypothesis
-    logs = [log for log in (*task.logs, *task.validate) if cannot_run(written, log) is None]
-    noise = {o: last.white(o) for o in last.groups}
+    written = search.written(task)
     for cause in reversed(search.causes if len(written.effects) > 1 else ()):
-        rest, worse = without(written, cause.effect), None
-        if rest is not written:
-            worse = spoiled_by(rest, written, logs, last.simulation.masked, noise)
-        if worse is not None:
+        rest = without(written, cause.effect)
+        if rest is not written and search.spoiled(task, written, rest) is not None:
             return cause
     return None
 
@@ -154,10 +149,7 @@ def _of_gain(task: DiagnosisTask, search: SearchState) -> SearchState:
     Each may be of use beside the others where one undoes what another does.
     """
     while acting := [c for c in search.causes if c.effect in search.hypothesis.model.effects]:
-        written, last = search.written(task), search.hypothesis
-        logs = [log for log in (*task.logs, *task.validate) if cannot_run(written, log) is None]
-        noise = {o: last.white(o) for o in last.groups}
-        if spoiled_by(written, task.model, logs, last.simulation.masked, noise) is not None:
+        if search.spoiled(task, task.model, search.written(task)) is not None:
             break
         weakest = min(acting, key=lambda cause: cause.evidence)
         search = _dropped(search, weakest, "is left out: with it no log is better")
@@ -168,7 +160,6 @@ def _useless(task: DiagnosisTask, search: SearchState) -> Cause | None:
     """The first cause without which the written model is as good."""
     assumptions = search.open().assumptions
     written = search.written(task)
-    logs = [log for log in (*task.logs, *task.validate) if cannot_run(written, log) is None]
     noise = {o: search.hypothesis.white(o) for o in search.hypothesis.groups}
     masked = search.hypothesis.simulation.masked
     for cause in search.causes:
@@ -177,7 +168,7 @@ def _useless(task: DiagnosisTask, search: SearchState) -> Cause | None:
             continue
         if task.explained(written, cause.effect, masked, noise, assumptions) < MIN_EXPLAINED:
             return cause
-        harmless = spoiled_by(written, rest, logs, masked, noise, surely=True) is None
+        harmless = search.spoiled(task, rest, written, surely=True) is None
         if harmless and not STARTS & assumptions:
             return cause
     return None

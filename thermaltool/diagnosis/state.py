@@ -251,19 +251,32 @@ class SearchState:
         every = [*(rezeroed(model, task.logs, masked) for model in plain), *plain]
         return next((model for model in every if self.spoiled(task, model) is None), every[0])
 
-    def spoiled(self, task: DiagnosisTask, model: Model) -> tuple[Record, str] | None:
-        """Log and output for which a model is not to be written; None where it is.
+    def spoiled(
+        self,
+        task: DiagnosisTask,
+        model: Model,
+        before: Model | None = None,
+        surely: bool = False,
+    ) -> tuple[Record, str] | None:
+        """Log and output of which a model is worse than another; None where it is not.
 
         Parameters
         ----------
         task : DiagnosisTask
         model : Model
+        before : Model, optional
+            The other one. Default: the model as it came.
+        surely : bool
+            See `spoiled_by`.
         """
-        last = self.hypothesis
-        logs = [log for log in (*task.logs, *task.validate) if cannot_run(model, log) is None]
+        last, before = self.hypothesis, task.model if before is None else before
+        logs = [
+            log
+            for log in (*task.logs, *task.validate)
+            if all(cannot_run(each, log) is None for each in (before, model))
+        ]
         noise = {o: last.white(o) for o in last.groups}
-        masked = last.simulation.masked
-        return spoiled_by(task.model, model, logs, masked, noise)
+        return spoiled_by(before, model, logs, last.simulation.masked, noise, surely)
 
     def open(self) -> Hypothesis:
         """The accepted causes under the assumptions in which the last step ended."""
