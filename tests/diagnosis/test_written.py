@@ -125,7 +125,7 @@ def test_a_sensor_that_was_put_in_anew_has_a_new_zero(thermaltool, folder, model
     assert before["mean"] > 0.4
 
 
-def test_zeros_that_logs_disagree_about_stay():
+def test_zeros_that_logs_disagree_about_or_that_no_sensor_has_stay():
     time = np.arange(300.0)
     parts = Deflection(A=1.0, a=0.1, B=0.5, b=0.05, D=0.1, d=0.08)
     model = Model(
@@ -141,6 +141,8 @@ def test_zeros_that_logs_disagree_about_stay():
 
     assert rezeroed(model, [log(0.5), log(0.55)], {}).outputs[0].offset == pytest.approx(0.525)
     assert rezeroed(model, [log(0.5), log(-0.5)], {}) == model
+    # More than the outputs of the calibration spread.
+    assert rezeroed(model, [log(65.0)], {}) == model
 
 
 def without(path, column: str):

@@ -5,6 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 from scipy.linalg import expm
+from scipy.signal import lfilter
 
 from thermaltool.fitting.calibrate import calibrate
 from thermaltool.fitting.calibration_plan import CalibrationPlan
@@ -85,6 +86,27 @@ def test_one_of_the_drives_of_a_body_has_a_dead_time():
     gains = np.array([found[drive].dc_gain() for drive in drives])
     assert np.max(np.abs(gains - steady) * moved) < 0.03
     assert model.outputs[0].fit["rmse"] < 1.05 * 0.02
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("seed", [1, 2, 3])
+def test_a_dead_time_that_a_fast_lag_could_stand_in_for(seed):
+    generator, rows, dt, dead = np.random.default_rng(seed), 1500, 10.0, 2
+    spindle = np.repeat(generator.choice([0.0, 40.0, 80.0, 120.0], rows // 50), 50)
+    feed = np.repeat(generator.choice([0.0, 6.0, 12.0, 20.0], rows // 30), 30)
+    late = np.append(np.zeros(dead), spindle[: rows - dead])
+    read = generator.normal(0, 0.15, rows)
+    for tau, *gains in ((3800.0, 0.20, 0.4), (1300.0, 0.12, 0.3), (330.0, 0.12, -0.2)):
+        kept = np.exp(-dt / tau)
+        for u, gain in zip((late, feed), gains, strict=True):
+            held = np.append(0.0, u[:-1])
+            read = read + gain * lfilter([1 - kept], [1, -kept], held)
+    record = Record(dt * np.arange(rows), {SPINDLE: spindle, FEED: feed, OUTPUT: read})
+    model = calibrate([record], CalibrationPlan((SPINDLE, FEED), (OUTPUT,), choose=True))
+    found = {term.drive: term.response for term in model.terms}
+    assert found[SPINDLE].delay == pytest.approx(dt * dead, abs=2.0)
+    assert found[FEED].delay == 0
+    assert found[SPINDLE].dc_gain() == pytest.approx(0.44, rel=0.03)
 
 
 def test_a_shared_rate_moves_the_weights_of_every_drive():

@@ -156,7 +156,8 @@ def rezeroed(model: Model, logs: Sequence[Record], masked: Mask) -> Model:
     """The model with the zeros that logs have: a sensor's zero is that of the last time.
 
     A zero moves where all logs say so, by more than they differ, and by so much that what else is
-    left is small beside it. What counts from its first readings has none.
+    left is small beside it, and by no more than the outputs of the calibration spread: beyond that
+    it is a sensor that does not measure. What counts from its first readings has none.
 
     Parameters
     ----------
@@ -174,7 +175,7 @@ def rezeroed(model: Model, logs: Sequence[Record], masked: Mask) -> Model:
             own = [r[k] for r, k in zip(residual, groups.rows, strict=True) if len(k)]
             off = np.array([np.mean(each) for each in own])
             least = max(MIN_ZERO_MOVE * max(float(np.std(each)) for each in own), np.ptp(off))
-            if np.min(np.abs(off)) > least:
+            if np.min(np.abs(off)) > least and np.max(np.abs(off)) < np.ptp(o.range):
                 o = replace(o, offset=o.offset + float(np.mean(off)))
         outputs.append(o)
     return replace(model, outputs=tuple(outputs))

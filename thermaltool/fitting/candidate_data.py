@@ -16,9 +16,9 @@ from thermaltool.signals.detrend import difference_sigma
 MAX_GROUPS = 1200
 # The records are cut into so many blocks, every fourth of which is held out in turn.
 BLOCKS, FOLDS = 96, 4
-# An error beside that of the best kind counts from this share of a reading's noise: with less of it
-# the whole error is at most an eighth larger, which is not worth a parameter.
-MIN_EXCESS = 0.5
+# An error beside that of a kind with one more time constant or shape counts from this share of a
+# reading's noise: with less of it the whole error is at most 3 % larger, which is not worth one.
+MIN_EXCESS = 0.25
 
 
 @dataclass(frozen=True)
@@ -87,7 +87,7 @@ class CandidateData:
         """Root mean square of means over groups of rows, from errors times root of the number."""
         return float(np.sqrt(np.average(errors**2 / self.size, weights=self.size)))
 
-    def counts(self, errors: Float, others: Float, least: float = MIN_EXCESS) -> bool:
+    def counts(self, errors: Float, others: Float, least: float) -> bool:
         """Whether errors are larger than others by at least so much of the noise of a reading."""
         excess = self.rms(errors) ** 2 - self.rms(others) ** 2
         return excess > (least * self.noise) ** 2

@@ -11,11 +11,11 @@ from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import replace
-from functools import partial
 
 import numpy as np
 
-from thermaltool.fitting.candidate_data import BLOCKS, CandidateData
+from thermaltool.fitting.candidate_data import BLOCKS, MIN_EXCESS, CandidateData
+from thermaltool.fitting.dead_times import delayed_kinds
 from thermaltool.fitting.kind_candidate import (
     LEFT_OUT,
     MORE_PARAMETERS,
@@ -38,8 +38,14 @@ from thermaltool.fitting.mixed_kinds import (
 )
 from thermaltool.fitting.output_fit import check_records
 from thermaltool.fitting.projection import GridStates, surroundings
-from thermaltool.fitting.response_search import FEW_STARTS, FittedKinds, KindSearch
-from thermaltool.fitting.sound_kinds import best_of, criterion, sound_ones, without_delays
+from thermaltool.fitting.response_search import FittedKinds, KindSearch
+from thermaltool.fitting.sound_kinds import (
+    DECISIVE,
+    best_of,
+    criterion,
+    sound_ones,
+    without_delays,
+)
 from thermaltool.model import Drive
 from thermaltool.record import Record
 from thermaltool.responses.modes import Float
@@ -58,8 +64,6 @@ KINDS = (
 )
 # Fitted ones of a slab, which is tried where others ask for more.
 SLAB_PARAMETERS = 5
-# Fall of the criterion that counts: odds of 150 to 1.
-DECISIVE = 10.0
 # Within so much of a reading's noise of the nearest all kinds may be true (`Discrepancy.spread`),
 AS_NEAR = 1.0
 # ... and what speaks against a gain of one to the surroundings: an error as large as the noise.
@@ -69,11 +73,6 @@ SLOWER_THAN_HEAT = 3.0
 # A larger error on held-out blocks is sure from so many standard errors: not where one block, the
 # only one with a step in it, makes it.
 SURE = 2.0
-# Delays that are tried: these many samples, up to this share of the longest record; then so many
-# more between the neighbours of the best.
-DELAY_SAMPLES, MAX_DELAY_SHARE, DELAY_STEPS = (0.5, 1, 2, 4, 8, 16, 32, 64), 0.05, 8
-# Longer delays are not tried behind one that leaves so many times the squared error of the best.
-GIVE_UP = 2.0
 
 
 def choose_response(
@@ -189,7 +188,7 @@ def _compared(
     if not fixed.get("delay"):
         progress("trying delays")
         rationals = [each for each in found if each.kinds[0] in DELAYED]
-        found += _delayed(task, rationals, _independent(found))
+        found += delayed_kinds(task, rationals, _independent(found))
     if len(drives) > 1:
         progress("trying a kind for each drive")
         found += mixed_kinds(task, found, _independent(found))
@@ -198,7 +197,7 @@ def _compared(
         if not fixed.get("delay"):
             progress("trying delays before these")
             whole = [each for each in without_delays(shared) if LEFT_OUT not in each.kinds]
-            shared += _delayed(task, whole, _independent([*found, *shared]))
+            shared += delayed_kinds(task, whole, _independent([*found, *shared]))
         found += shared
     judged = _Judgement(found, task.data(still), _independent(found)).candidates(usual)
     around = set(surroundings(drives, task.output)) if task.equilibrium else set()
@@ -210,84 +209,6 @@ def _compared(
 def _independent(found: Sequence[FittedKinds]) -> float:
     """Rows that count as independent in what the closest kinds leave: of poor ones few are."""
     return min(sound_ones(found), key=lambda each: each.size).independent
-
-
-def _delayed(task: KindSearch, plain: Sequence[FittedKinds], rows: float) -> list[FittedKinds]:
-    """Kinds, each with its own delay of the drives for which there is evidence.
-
-    The delay of most evidence is taken first: others may only have stood in for it.
-    """
-    longest = MAX_DELAY_SHARE * task.duration
-    tried = [k * task.period for k in DELAY_SAMPLES if k * task.period <= longest]
-    if not plain or not tried:
-        return []
-    best = best_of(plain, rows)
-    brackets: dict[int, tuple[float, float]] = {}
-    while len(brackets) < len(best.kinds):
-        left = [d for d in range(len(best.kinds)) if d not in brackets]
-        found = [(_bracket(task, best, d, tried, rows), d) for d in left]
-        evidence, *bracket, d = max((*each, d) for each, d in found)
-        if evidence < DECISIVE + np.log(rows):
-            break
-        brackets[d] = (bracket[0], bracket[1])
-        best = _placed(task, best, d, brackets[d])
-    fits = []
-    for each in plain if brackets else []:
-        for d, own in brackets.items():
-            each = _placed(task, each, d, own)
-        fits.append(each)
-    return [each for each in fits if any(each.delays)]
-
-
-def _placed(
-    task: KindSearch, each: FittedKinds, d: int, bracket: tuple[float, float]
-) -> FittedKinds:
-    """Kinds with the best delay of one drive in a bracket; as they are where there is none."""
-    delay = _golden(partial(_size_of, task, each, d), *bracket, DELAY_STEPS)
-    return task.fit(each.kinds, _with_delay(each, d, delay), common=each.common) or each
-
-
-def _with_delay(each: FittedKinds, d: int, delay: float) -> tuple[float, ...]:
-    return (*each.delays[:d], delay, *each.delays[d + 1 :])
-
-
-def _size_of(task: KindSearch, base: FittedKinds, d: int, delay: float) -> float:
-    """Sum of squares with another delay of one drive: each delay has rates of its own."""
-    found = task.fit(
-        base.kinds, _with_delay(base, d, delay), refined=FEW_STARTS, common=base.common
-    )
-    return base.size if found is None else found.size
-
-
-def _bracket(
-    task: KindSearch, base: FittedKinds, d: int, tried: Sequence[float], rows: float
-) -> tuple[float, float, float]:
-    """Evidence for a delay of a drive, and between which two it lies."""
-    sizes: list[float] = []
-    for delay in tried:
-        sizes.append(task.size(base.kinds, _with_delay(base, d, delay), base.theta, base.common))
-        if sizes[-1] > GIVE_UP * min(*sizes, base.size):
-            break
-    fall = float(np.log(base.size / max(min(sizes), np.finfo(float).tiny)))
-    k = int(np.argmin(sizes))
-    return rows * fall, tried[k - 1] if k else 0.0, tried[min(k + 1, len(tried) - 1)]
-
-
-def _golden(size: Callable[[float], float], low: float, high: float, steps: int) -> float:
-    """Place of a minimum between two places, by golden section."""
-    ratio = (np.sqrt(5.0) - 1) / 2
-    a, b = high - ratio * (high - low), low + ratio * (high - low)
-    at_a, at_b = size(a), size(b)
-    for _ in range(steps):
-        if at_a <= at_b:
-            high, b, at_b = b, a, at_a
-            a = high - ratio * (high - low)
-            at_a = size(a)
-        else:
-            low, a, at_a = a, b, at_b
-            b = low + ratio * (high - low)
-            at_b = size(b)
-    return float(a if at_a <= at_b else b)
 
 
 def _all_weights(each: FittedKinds) -> Float:
@@ -310,33 +231,42 @@ class _Judgement:
         self.found = list(found) if self.delayed else plain
         sound = sound_ones(self.found)
         self.least = criterion(best_of(sound, rows), rows)
-        closest, kept = min(sound, key=lambda each: each.size), {id(each) for each in sound}
+        kept = {id(each) for each in sound}
         self.notes = [
-            self._before(each, closest) if id(each) in kept else each.soundness.flaw
+            self._before(each, sound) if id(each) in kept else each.soundness.flaw
             for each in self.found
         ]
         left = [each for each, note in zip(self.found, self.notes, strict=True) if not note]
-        best = min(left, key=lambda each: float(np.sum(each.held_out**2)))
         self.notes = [
-            note or self._held_out(each, best)
+            note or self._held_out(each, left)
             for each, note in zip(self.found, self.notes, strict=True)
         ]
 
-    def _before(self, each: FittedKinds, closest: FittedKinds) -> str:
+    def _before(self, each: FittedKinds, others: Sequence[FittedKinds]) -> str:
         """Why a candidate is out before any row is held out; empty where it is not."""
-        less = criterion(each, self.rows) > self.least + DECISIVE
+        own = criterion(each, self.rows)
         # What a dead time leaves is large for a while after each switch, and little on the whole.
-        counts = self.delayed or self.data.counts(each.residual, closest.residual)
-        return "less evidence" if less and counts else ""
+        less = any(
+            own > criterion(other, self.rows) + DECISIVE
+            and (self.delayed or self._counts(each, other, each.residual, other.residual))
+            for other in others
+        )
+        return "less evidence" if less else ""
 
-    def _held_out(self, each: FittedKinds, best: FittedKinds) -> str:
+    def _held_out(self, each: FittedKinds, others: Sequence[FittedKinds]) -> str:
         """Why a candidate is out by rows held out; empty where it is not."""
-        blocks = np.arange(len(best.held_out)) * BLOCKS // len(best.held_out)
-        worse = np.bincount(blocks, each.held_out**2 - best.held_out**2)
-        sure = float(np.sum(worse)) > SURE * float(np.std(worse)) * np.sqrt(len(worse))
-        if sure and self.data.counts(each.held_out, best.held_out):
-            return "predicts held-out rows worse"
+        for other in others:
+            blocks = np.arange(len(other.held_out)) * BLOCKS // len(other.held_out)
+            worse = np.bincount(blocks, each.held_out**2 - other.held_out**2)
+            sure = float(np.sum(worse)) > SURE * float(np.std(worse)) * np.sqrt(len(worse))
+            if sure and self._counts(each, other, each.held_out, other.held_out):
+                return "predicts held-out rows worse"
         return ""
+
+    def _counts(self, each: FittedKinds, other: FittedKinds, errors: Float, others: Float) -> bool:
+        """Whether the error of one is larger than what its fewer rates and shapes are worth."""
+        fewer = max(len(other.theta) - len(each.theta), 1)
+        return self.data.counts(errors, others, MIN_EXCESS * fewer**0.5)
 
     def candidates(self, usual: str) -> tuple[KindCandidate, ...]:
         """Every candidate with its note, the chosen one among them.

@@ -10,6 +10,8 @@ from thermaltool.fitting.possible import CANCELLING_LOSS, MAX_SLOWEST
 from thermaltool.fitting.projection import MAX_CANCELLATION
 from thermaltool.fitting.response_search import FittedKinds
 
+# Fall of the criterion that counts: odds of 150 to 1.
+DECISIVE = 10.0
 # Without a lag that is a trend the error may be so many times larger.
 SLOW_LOSS = 1.25
 

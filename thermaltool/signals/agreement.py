@@ -76,7 +76,8 @@ def agreement(measured: Array, computed: Array) -> Agreement:
     if not len(y):
         nan = float("nan")
         return Agreement(nan, nan, nan, nan, nan, nan, 0)
-    spread = float(np.linalg.norm(y - np.mean(y)))
+    # Of a constant rounding alone is left.
+    spread = float(np.linalg.norm(y - np.mean(y))) if np.ptp(y) else 0.0
     return Agreement(
         rmse=float(np.sqrt(np.mean(error**2))),
         max_error=float(np.max(np.abs(error))),
