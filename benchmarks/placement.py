@@ -326,8 +326,8 @@ def _random_machines(rng, count):
     print(f"random machines, {count}: the chosen set leaves less than the rule's in "
           f"{kept['better']}, is the same in {kept['same']}, worse in {kept['worse']}; median "
           f"ratio of errors {np.median(ratios):.2f}\nof all sets of as many (exhaustive): the "
-          f"rule's is the best in {kept['rule is best']}, so that none beats it; of the other {rest} the "
-          f"chosen one beats it in {kept['beaten']} ({100 * kept['beaten'] / rest:.0f} %); the "
+          f"rule's is best in {kept['rule is best']}, so that none beats it; of the other {rest} "
+          f"the chosen one beats it in {kept['beaten']} ({100 * kept['beaten'] / rest:.0f} %); the "
           f"chosen one is the best in {kept['own is best']}, and leaves at most {most:.3f} times "
           "the error of the best")  # fmt: skip
 
