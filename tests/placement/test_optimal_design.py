@@ -49,6 +49,20 @@ def test_of_few_candidates_the_best_of_all_sets_is_taken(criterion):
         assert found.efficiency == 1
 
 
+def test_of_few_candidates_of_different_costs_the_best_of_all_sets_within_the_budget_is_taken():
+    costs = np.array([1.0, 1.5, 3.0, 0.5] * 3)
+    for seed in range(6):
+        cycles = random_candidates(np.random.default_rng(seed), states=8).cycles
+        candidates = Candidates.of(cycles, 0.05, costs)
+        found = place_sensors(candidates, 4.0)
+        sets = [s for k in range(1, 7) for s in itertools.combinations(range(12), k)
+                if costs[list(s)].sum() <= 4]  # fmt: skip
+        best = max(criterion_value(candidates, s, "I") for s in sets)
+        assert found.value == pytest.approx(best, abs=1e-9)
+        assert costs[list(found.sensors)].sum() <= 4
+        assert found.efficiency == 1
+
+
 def test_a_sensor_more_leaves_less_and_the_errors_are_those_of_the_normal_equations():
     candidates = random_candidates(np.random.default_rng(7))
     found = [place_sensors(candidates, k, "I", bounded=False) for k in (2, 3, 4)]

@@ -22,20 +22,29 @@ MAX_SETS = 200_000
 CHUNK = 10_000
 
 
-def few_sets(places: int, count: int) -> bool:
-    """Whether all sets of so many of the places are few enough.
+def set_sizes(costs: Array, budget: float) -> range:
+    """How many sensors the sets have that are to be compared; none where they are too many sets.
 
     Parameters
     ----------
-    places, count : int
+    costs : ndarray, shape (n,)
+        Of the candidates. Where all cost the same, sets of fewer sensors than can be had are worse.
+    budget : float
     """
-    return comb(places, count) <= MAX_SETS
+    most = int(np.searchsorted(np.cumsum(np.sort(costs)), budget, side="right"))
+    sizes = range(1 if np.ptp(costs) else most, most + 1)
+    return sizes if sum(comb(len(costs), size) for size in sizes) <= MAX_SETS else range(0)
 
 
 def best_set(
-    readings: Sequence[Array], targets: Sequence[Array] | None, places: Sequence[int], count: int
+    readings: Sequence[Array],
+    targets: Sequence[Array] | None,
+    places: Sequence[int],
+    count: int,
+    costs: Array,
+    budget: float,
 ) -> list[int]:
-    """The set of the largest criterion of all sets of so many sensors.
+    """The set of the largest criterion of all sets of so many sensors; empty where none is paid.
 
     Parameters
     ----------
@@ -46,10 +55,16 @@ def best_set(
     places : sequence of int
         Candidates.
     count : int
+    costs : ndarray, shape (N,)
+    budget : float
+        What the sensors of a set cost at most.
     """
     best: tuple[float, list[int]] = (-np.inf, [])
     grams = [rows @ rows.T for rows in readings]
-    for sets in _chunks(places, count):
+    for chunk in _chunks(places, count):
+        sets = chunk[costs[chunk].sum(axis=1) <= budget]
+        if not len(sets):
+            continue
         value = np.zeros(len(sets))
         for k, gram in enumerate(grams):
             own = np.eye(count) + gram[sets[:, :, None], sets[:, None, :]]

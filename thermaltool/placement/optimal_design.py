@@ -26,7 +26,7 @@ from numpy.typing import NDArray
 from thermaltool.errors import FitError, counted
 from thermaltool.fitting.data import Array
 from thermaltool.placement.candidates import Candidates, deflection_errors, output_errors
-from thermaltool.placement.exhaustive import best_set, few_sets
+from thermaltool.placement.exhaustive import best_set, set_sizes
 from thermaltool.placement.sensor_sets import SensorSet
 
 Criterion = Literal["I", "A", "D"]
@@ -144,7 +144,7 @@ class _Information:
 def place_sensors(
     candidates: Candidates, budget: float, criterion: Criterion = "I", bounded: bool = True
 ) -> Placement:
-    """Sensors within a budget: the best of all sets of few candidates of one cost, else by search.
+    """Sensors within a budget: the best of all sets where these are few, else by search.
 
     Parameters
     ----------
@@ -243,16 +243,15 @@ def criterion_value(candidates: Candidates, sensors: Sequence[int], criterion: C
 def _best_of_all(
     candidates: Candidates, budget: float, criterion: Criterion
 ) -> tuple[float, list[int]] | None:
-    """Value and sensors of the best of all sets; None where costs differ or sets are too many."""
-    places = np.flatnonzero(candidates.allowed).tolist()
-    costs = candidates.costs[places]
-    count = int((budget + MIN_GAIN) / costs[0])
-    if np.ptp(costs) > 0 or not few_sets(len(places), count):
-        return None
+    """Value and sensors of the best of all sets within a budget; None where these are too many."""
+    places, most = np.flatnonzero(candidates.allowed).tolist(), budget + MIN_GAIN
     state = _Information(candidates, criterion)
     targets = None if criterion == "D" else state.targets
-    chosen = best_set(state.rows, targets, places, count)
-    return criterion_value(candidates, chosen, criterion), chosen
+    found = [
+        best_set(state.rows, targets, places, size, candidates.costs, most)
+        for size in set_sizes(candidates.costs[places], most)
+    ]
+    return max(((criterion_value(candidates, s, criterion), s) for s in found if s), default=None)
 
 
 def _best_found(
