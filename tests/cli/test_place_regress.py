@@ -334,3 +334,24 @@ def test_a_body_has_no_responses_to_choose(thermaltool, log, options, code, word
     result = thermaltool("calibrate", log, *options)
     assert (result.code, result.out) == (code, "")
     assert words in result.err
+
+
+def test_few_rows_and_a_sensor_that_is_dead_where_it_judges_are_told(thermaltool, log, tmp_path):
+    lines = log.read_text().splitlines()
+    short = tmp_path / "short.csv"
+    short.write_text("\n".join(lines[:7]) + "\n")
+    own = ("--output", "d_tip_um")
+    for criterion, words in (("held-out", "6 rows: too few to hold out each of 5 blocks"),
+                             ("I", "short.csv with readings of all: moments of")):  # fmt: skip
+        result = thermaltool("place", short, *own, "--criterion", criterion)
+        assert (result.code, result.out) == (1, "")
+        assert words in result.err
+    assert thermaltool("regress", short, *own, "--sensor", "T_1_degC").code == 0
+    at, dead = lines[0].split(",").index("T_3_degC"), tmp_path / "dead.csv"
+    rows = [line.split(",") for line in lines]
+    dead.write_text("\n".join(",".join([*r[:at], r[at] if not k else "21.5", *r[at + 1 :]])
+                              for k, r in enumerate(rows)) + "\n")  # fmt: skip
+    sensors = ("--sensor", "T_1_degC", "--sensor", "T_3_degC", "--static")
+    result = thermaltool("regress", log, *own, *sensors, "--validate", dead)
+    assert result.code == 0
+    assert "dead.csv: T_3_degC never moves: what is missed there may be" in result.err
