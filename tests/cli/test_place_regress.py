@@ -80,6 +80,9 @@ def test_options_of_logs_and_of_bodies_are_told_apart(thermaltool, log):
         result = thermaltool("place", source, *option)
         assert (result.code, result.out) == (2, "")
         assert words in result.err
+    result = thermaltool("place", BODY, log, "--output", "d_tip_um")
+    assert (result.code, result.out) == (2, "")
+    assert "is a body, which comes without logs" in result.err
 
 
 @pytest.mark.parametrize(

@@ -44,6 +44,16 @@ def test_a_point_outside_is_refused(rod, load):
         modes_of(load(rod))
 
 
+@pytest.mark.parametrize("unit", ["mm", "m"])
+def test_a_length_that_no_machine_part_has_is_doubted(rod, load, unit):
+    rod["mesh"]["unit"] = unit
+    for table in ("points", "deflections"):
+        rod[table] = {}
+    body = load(rod)
+    doubts = " ".join(mode_notes(modes_of(body), body))
+    assert ("the body is 0.001 m long: is the unit of [mesh] right?" in doubts) == (unit == "mm")
+
+
 def test_a_flat_element_is_named():
     points = np.array([[0, 0, 0], [1, 0, 0], [0, 1, 0], [0, 0, 1], [1, 1, 0]], float)
     data = MeshData(points, np.array([[0, 1, 2, 3], [0, 1, 2, 4]]))
