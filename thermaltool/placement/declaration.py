@@ -106,8 +106,9 @@ def _mesh(
         data = read_mesh(part.read("file", text), unit)
         # Of sets that overlap those count that have a material.
         own = {name: rows for name, rows in data.regions.items() if name in regions}
-        every = len(own) == len(regions) > 0
-        return solid_mesh(replace(data, regions=own) if every else data), None, unit
+        overlap = sum(map(len, data.regions.values())) > len(data.elements)
+        chosen = overlap and len(own) == len(regions) > 0
+        return solid_mesh(replace(data, regions=own) if chosen else data), None, unit
     shape = part.part(kinds[0])
     if kinds == ["rod"]:
         known_fields(shape, "mesh.rod", "length", "area", "perimeter", "elements")
