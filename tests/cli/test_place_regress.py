@@ -358,3 +358,14 @@ def test_few_rows_and_a_sensor_that_is_dead_where_it_judges_are_told(thermaltool
     result = thermaltool("regress", log, *own, *sensors, "--validate", dead)
     assert result.code == 0
     assert "dead.csv: T_3_degC never moves: what is missed there may be" in result.err
+
+
+def test_candidates_of_which_a_noise_file_says_nothing_are_named(thermaltool, log, tmp_path):
+    noise = tmp_path / "noise.json"
+    assert thermaltool("noise", log, "-o", noise).code == 0
+    lines = log.read_text().splitlines()
+    log.write_text("\n".join([lines[0].replace("T_4_degC", "T_rear_degC"), *lines[1:]]) + "\n")
+    options = ("--output", "d_tip_um", "--criterion", "I", "--sensors", 1, "--noise", noise)
+    result = thermaltool("place", log, *options)
+    assert result.code == 0
+    assert "no white noise of T_rear_degC in the noise file: by the logs instead" in result.err
