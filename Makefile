@@ -91,7 +91,7 @@ study: $(READY)
 	@$(BIN)/python benchmarks/deconvolution.py rules
 	@$(BIN)/python benchmarks/deconvolution.py wall
 	@$(BIN)/python benchmarks/modes.py logs
-	@for what in rod hour axis design; do $(BIN)/python benchmarks/placement.py $$what; done
+	@for what in rod axis design; do $(BIN)/python benchmarks/placement.py $$what; done
 	@$(BIN)/python benchmarks/boring_bar.py
 	@$(BIN)/python benchmarks/orders.py study
 	@$(BIN)/python benchmarks/identify.py coverage

@@ -80,6 +80,9 @@ def test_options_of_logs_and_of_bodies_are_told_apart(thermaltool, log):
         result = thermaltool("place", source, *option)
         assert (result.code, result.out) == (2, "")
         assert words in result.err
+    result = thermaltool("place", BODY, log, "--output", "d_tip_um")
+    assert (result.code, result.out) == (2, "")
+    assert "is a body, which comes without logs" in result.err
 
 
 @pytest.mark.parametrize(
@@ -159,6 +162,21 @@ def test_a_log_that_judges_itself_and_a_temperature_as_a_position_are_told(
     assert "T_2_degC is a temperature: no position along an axis" in result.err
 
 
+def streamed(model, log):
+    tool = [sys.executable, "-c", "from thermaltool.cli import main; main()"]
+    call = [*tool, "compensate", model, log, "--also", "estimates"]
+    done = subprocess.run(call, capture_output=True, text=True)
+    assert "which the machine cannot" not in done.stderr
+    # The last line is the safe setpoint.
+    rows = [line.split(",") for line in done.stdout.splitlines()[1:-1]]
+    return {float(row[0]): float(row[-1]) for row in rows}
+
+
+def in_batch(thermaltool, model, log):
+    rows = [line.split(",") for line in thermaltool("estimate", model, log, "-q").out.splitlines()]
+    return {float(row[0]): float(row[1]) for row in rows[1:]}
+
+
 def test_a_regression_simulates_and_streams(thermaltool, log, tmp_path):
     model, ready = tmp_path / "model.json", tmp_path / "ready.json"
     options = ("--output", "d_tip_um", "--sensor", "T_1_degC", "--sensor", "T_5_degC")
@@ -169,15 +187,7 @@ def test_a_regression_simulates_and_streams(thermaltool, log, tmp_path):
     simulated = thermaltool("simulate", model, log, "--json").json
     assert simulated["d_tip_um"]["fit_percent"] > 95
     assert thermaltool("regularize", model, "-o", ready, "-q").code == 0
-    tool = [sys.executable, "-c", "from thermaltool.cli import main; main()"]
-    stream = subprocess.run([*tool, "compensate", ready, log], capture_output=True, text=True)
-    lines = stream.stdout.splitlines()[1:-1]
-    setpoints = {float(t): float(v) for t, v in (line.split(",") for line in lines)}
-    run = [line.split(",") for line in thermaltool("simulate", model, log, "-q").out.splitlines()]
-    computed = {float(line[0]): float(line[1]) for line in run[1:]}
-    at = max(setpoints)
-    # The zero of a log and of a stream differ by the noise of first readings.
-    assert setpoints[at] == pytest.approx(-computed[at], abs=1.0)
+    assert streamed(ready, log) == pytest.approx(in_batch(thermaltool, ready, log), abs=1e-9)
     assert thermaltool("present", model).code == 0
 
 
@@ -193,6 +203,15 @@ def test_an_axis_by_its_position(thermaltool, tmp_path):
     assert simulated["d_z_um"]["rmse"] < 0.5
     document = thermaltool("regress", first, *options, "--json").json
     assert {t["power"] for t in document["outputs"][0]["terms"]} == {0, 1}
+    # Sets with pauses between: the machine went on meanwhile, and no sensor has jumped. The first
+    # line behind a pause waits for another that bears out its time.
+    ready = tmp_path / "ready.json"
+    assert (
+        "from dT_1_K, dT_2_K, dT_3_K, x_z_mm\n" in thermaltool("regularize", model, "-o", ready).err
+    )
+    computed, stream = in_batch(thermaltool, ready, second), streamed(ready, second)
+    assert set(computed) - set(stream) == {test["time_s"][k] for k in range(17, 136, 17)}
+    assert stream == pytest.approx({t: computed[t] for t in stream}, abs=1e-9)
 
 
 def test_positions_without_readings_and_degrees_without_position(thermaltool, tmp_path):
@@ -320,3 +339,36 @@ def test_a_body_has_no_responses_to_choose(thermaltool, log, options, code, word
     result = thermaltool("calibrate", log, *options)
     assert (result.code, result.out) == (code, "")
     assert words in result.err
+
+
+def test_few_rows_and_a_sensor_that_is_dead_where_it_judges_are_told(thermaltool, log, tmp_path):
+    lines = log.read_text().splitlines()
+    short = tmp_path / "short.csv"
+    short.write_text("\n".join(lines[:7]) + "\n")
+    own = ("--output", "d_tip_um")
+    for criterion, words in (("held-out", "6 rows: too few to hold out each of 5 blocks"),
+                             ("I", "short.csv with readings of all: moments of")):  # fmt: skip
+        result = thermaltool("place", short, *own, "--criterion", criterion)
+        assert (result.code, result.out) == (1, "")
+        assert words in result.err
+    assert thermaltool("regress", short, *own, "--sensor", "T_1_degC").code == 0
+    at, dead = lines[0].split(",").index("T_3_degC"), tmp_path / "dead.csv"
+    rows = [line.split(",") for line in lines]
+    dead.write_text("\n".join(",".join([*r[:at], r[at] if not k else "21.5", *r[at + 1 :]])
+                              for k, r in enumerate(rows)) + "\n")  # fmt: skip
+    sensors = ("--sensor", "T_1_degC", "--sensor", "T_3_degC", "--static")
+    result = thermaltool("regress", log, *own, *sensors, "--validate", dead)
+    assert result.code == 0
+    assert "dead.csv: T_3_degC never moves: what is missed there may be" in result.err
+
+
+def test_candidates_of_which_a_noise_file_says_nothing_are_named(thermaltool, log, tmp_path):
+    noise = tmp_path / "noise.json"
+    lines = log.read_text().splitlines()[:100]
+    log.write_text("\n".join([*lines, ""]))
+    assert thermaltool("noise", log, "-o", noise).code == 0
+    log.write_text("\n".join([lines[0].replace("T_4_degC", "T_rear_degC"), *lines[1:]]) + "\n")
+    options = ("--output", "d_tip_um", "--criterion", "I", "--sensors", 1, "--noise", noise)
+    result = thermaltool("place", log, *options)
+    assert result.code == 0
+    assert "no white noise of T_rear_degC in the noise file: by the logs instead" in result.err

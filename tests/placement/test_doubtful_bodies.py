@@ -38,10 +38,43 @@ def test_a_name_is_a_region_or_a_boundary(load):
         load_body(document, "body.toml", lambda path, unit: data)
 
 
+def test_of_sets_that_overlap_those_that_have_a_material_count():
+    from thermaltool.placement.declaration import load_body
+
+    points = np.array([[0, 0, 0], [1, 0, 0], [0, 1, 0], [0, 0, 1], [1, 1, 1]], float)
+    sets = {"base": [0], "Volume1": [0], "arm": [1], "all": [0, 1]}
+    data = MeshData(points, np.array([[0, 1, 2, 3], [1, 2, 3, 4]]),
+                    {name: np.array(rows) for name, rows in sets.items()},
+                    {"foot": np.array([[0, 1, 2]])})  # fmt: skip
+    document = {
+        "format": "thermaltool-body", "version": 1, "mesh": {"file": "x.inp"},
+        "materials": {"iron": {"conductivity": 50, "density": 7800, "specific_heat": 434}},
+        "regions": {"base": "iron", "arm": "iron"},
+        "convection": {"foot": 10}, "heat": {"Q_motor_W": {"on": "foot"}},
+    }  # fmt: skip
+    body = load_body(document, "body.toml", lambda path, unit: data)
+    assert set(body.regions) == {"base", "arm"}
+    with pytest.raises(ModelError, match=r"in several regions \(base, Volume1, arm, all\)"):
+        load_body(document | {"regions": {"bse": "iron"}}, "b.toml", lambda path, unit: data)
+    bare = MeshData(points, data.elements)
+    with pytest.raises(ModelError, match="the mesh has no boundary: name its surfaces"):
+        load_body(document | {"regions": {"body": "iron"}}, "b.toml", lambda path, unit: bare)
+
+
 def test_a_point_outside_is_refused(rod, load):
     rod["points"]["T_1_degC"]["at"] = 1.03
     with pytest.raises(ModelError, match=r"T_1_degC: \(1.03\) m is 0.03 m from the body"):
         modes_of(load(rod))
+
+
+@pytest.mark.parametrize("unit", ["mm", "m"])
+def test_a_length_that_no_machine_part_has_is_doubted(rod, load, unit):
+    rod["mesh"]["unit"] = unit
+    for table in ("points", "deflections"):
+        rod[table] = {}
+    body = load(rod)
+    doubts = " ".join(mode_notes(modes_of(body), body))
+    assert ("the body is 0.001 m long: is the unit of [mesh] right?" in doubts) == (unit == "mm")
 
 
 def test_a_flat_element_is_named():

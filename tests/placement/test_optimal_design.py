@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 
 from thermaltool.errors import FitError
+from thermaltool.placement import exhaustive
 from thermaltool.placement.candidates import Candidates, DutyCycle, deflection_errors
 from thermaltool.placement.optimal_design import CRITERIA, criterion_value, place_sensors
 
@@ -22,15 +23,44 @@ def random_candidates(rng, count=12, states=6, cycles=2):
 
 
 @pytest.mark.parametrize("criterion", CRITERIA)
-def test_greedy_with_exchange_reaches_what_exhaustive_search_finds(criterion):
+def test_greedy_with_exchange_reaches_what_exhaustive_search_finds(criterion, monkeypatch):
+    monkeypatch.setattr(exhaustive, "MAX_SETS", 0)
     for seed in range(3):
         candidates = random_candidates(np.random.default_rng(seed))
         found = place_sensors(candidates, 4, criterion)
-        sets = itertools.combinations(range(12), 4)
-        best = max(criterion_value(candidates, each, criterion) for each in sets)
+        best = best_of_all(candidates, 4, criterion)
         assert np.exp(found.value - best) > 0.98
         assert best - 1e-9 <= found.bound
         assert 0 < found.efficiency <= 1
+
+
+def best_of_all(candidates, count, criterion):
+    sets = itertools.combinations(np.flatnonzero(candidates.allowed), count)
+    return max(criterion_value(candidates, each, criterion) for each in sets)
+
+
+@pytest.mark.parametrize("criterion", CRITERIA)
+def test_of_few_candidates_the_best_of_all_sets_is_taken(criterion):
+    for seed in range(12):
+        plain = random_candidates(np.random.default_rng(seed))
+        candidates = Candidates.of(plain.cycles, 0.05, 2.0, forbidden=[3])
+        found = place_sensors(candidates, 9.0, criterion)
+        assert found.value == pytest.approx(best_of_all(candidates, 4, criterion), abs=1e-9)
+        assert found.efficiency == 1
+
+
+def test_of_few_candidates_of_different_costs_the_best_of_all_sets_within_the_budget_is_taken():
+    costs = np.array([1.0, 1.5, 3.0, 0.5] * 3)
+    for seed in range(6):
+        cycles = random_candidates(np.random.default_rng(seed), states=8).cycles
+        candidates = Candidates.of(cycles, 0.05, costs)
+        found = place_sensors(candidates, 4.0)
+        sets = [s for k in range(1, 7) for s in itertools.combinations(range(12), k)
+                if costs[list(s)].sum() <= 4]  # fmt: skip
+        best = max(criterion_value(candidates, s, "I") for s in sets)
+        assert found.value == pytest.approx(best, abs=1e-9)
+        assert costs[list(found.sensors)].sum() <= 4
+        assert found.efficiency == 1
 
 
 def test_a_sensor_more_leaves_less_and_the_errors_are_those_of_the_normal_equations():

@@ -162,6 +162,7 @@ def regress(
     3.0
     """
     from thermaltool.placement.regression import moves
+    from thermaltool.report.text import stuck_messages
 
     targets = names(outputs)
     if position is None and degree is not None:
@@ -187,6 +188,13 @@ def regress(
     for log in fresh:
         if is_among(log, logs):
             warn(f"{log.name}: it was fitted: that it is held says nothing of another day")
+        for message in stuck_messages(log, (*chosen, *targets)):
+            warn(message)
+        if still := [name for name in chosen if not moves([log.column(name)])]:
+            warn(
+                f"{log.name}: {', '.join(still)} never moves: what is missed there may be the "
+                "sensor's fault"
+            )
     found = []
     for target in targets:
         channels = (*chosen, *([] if position is None else [position]))

@@ -185,7 +185,7 @@ def place(
     if criterion == HELD_OUT:
         sets = _held_out_sets(together, targets, most, time_constants)
     else:
-        sets = _design_sets(logs, moving, targets, most, criterion, noise, costs)
+        sets = _design_sets(logs, moving, targets, most, criterion, noise, costs, warn)
     placed = PlacedSensors(targets, moving, criterion, sets, collinearity(together))
     return SensorPlacement(placed, tuple(notes))
 
@@ -377,12 +377,15 @@ def _design_sets(
     criterion: Any,
     noise: Any,
     costs: Mapping[str, float] | None,
+    warn: Notice,
 ) -> tuple[SensorSet, ...]:
     from thermaltool.placement.candidates import Candidates
     from thermaltool.placement.duty_cycles import cycle_of, reading_noise
     from thermaltool.placement.optimal_design import placed_sets
 
     known = {} if noise is None else {name: n.white for name, n in read_noise(noise).items()}
+    if noise is not None and (absent := [name for name in channels if not known.get(name)]):
+        warn(f"no white noise of {', '.join(absent)} in the noise file: by the logs instead")
     sigma = np.array([known.get(name) or reading_noise(logs, name) for name in channels])
     price = np.ones(len(channels))
     for name, cost in (costs or {}).items():

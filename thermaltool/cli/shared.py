@@ -162,7 +162,10 @@ def is_body(logs: Sequence[str], of_logs: Sequence[str]) -> bool:
     of_logs : sequence of str
         Parameters that count for logs alone.
     """
-    if len(logs) != 1 or not logs[0].endswith(".toml"):
+    bodies = [name for name in logs if name.endswith(".toml")]
+    if bodies and len(logs) > 1:
+        raise click.UsageError(f"{bodies[0]} is a body, which comes without logs or other bodies")
+    if not bodies:
         return False
     refuse_given(of_logs, f"is of logs, {logs[0]} is a body")
     return True

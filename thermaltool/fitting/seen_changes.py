@@ -12,6 +12,9 @@ from thermaltool.model import Model
 from thermaltool.record import MAX_UNEVENNESS, Record
 from thermaltool.signals.changes import Float, larger_changes, largest_changes
 
+# A log of more sample periods with its pauses is not filled: about eight million numbers.
+MAX_PAUSED = 2**23
+
 
 def with_seen_changes(model: Model, records: Sequence[Record]) -> Model:
     """The model with the largest changes of its outputs, and of drives that run on.
@@ -44,8 +47,17 @@ def with_seen_changes(model: Model, records: Sequence[Record]) -> Model:
 
 
 def _even(record: Record, channel: str, period: float) -> Iterator[Float]:
-    """A channel on an even clock; straight lines where it is not, and cut at longer steps."""
+    """A channel on an even clock; straight lines where it is not, and cut at longer steps.
+
+    Of a log with pauses all of it is another piece, a straight line over each: by so much at least
+    the machine went on meanwhile.
+    """
     values, longest = record.column(channel), longest_step(record, period)
+    known = np.flatnonzero(np.isfinite(values))
+    whole = record.time[known]
+    paused = len(known) > 1 and np.max(np.diff(whole)) > longest
+    if paused and whole[-1] - whole[0] < MAX_PAUSED * period:
+        yield np.interp(np.arange(whole[0], whole[-1] + period / 2, period), whole, values[known])
     for part in record.segments:
         rows = part.start + np.flatnonzero(np.isfinite(values[part]))
         breaks = np.flatnonzero(np.diff(record.time[rows]) > longest) + 1

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable, Mapping, Sequence
+from dataclasses import replace
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -66,7 +67,8 @@ def load_body(document: Mapping[str, Any], source: str, read_mesh: ReadMesh) -> 
 
 def _body(whole: Part, read_mesh: ReadMesh) -> SolidBody:
     known_fields(whole, "", *_SECTIONS)
-    mesh, section, unit = _mesh(whole.part("mesh"), read_mesh)
+    regions = whole.part("regions").names() if "regions" in whole.names() else ()
+    mesh, section, unit = _mesh(whole.part("mesh"), read_mesh, regions)
     dim = len(mesh.p)
     points = {}
     for name, part in named_tables(whole, "points"):
@@ -92,14 +94,21 @@ def _body(whole: Part, read_mesh: ReadMesh) -> SolidBody:
     )  # fmt: skip
 
 
-def _mesh(part: Part, read_mesh: ReadMesh) -> tuple[Mesh, RodSection | None, float]:
+def _mesh(
+    part: Part, read_mesh: ReadMesh, regions: Sequence[str]
+) -> tuple[Mesh, RodSection | None, float]:
     known_fields(part, "mesh", "rod", "block", "file", "unit")
     kinds = [name for name in ("rod", "block", "file") if name in part.names()]
     if len(kinds) != 1:
         raise ModelError("mesh: one of rod, block and file")
     unit = part.read("unit", _unit, 1.0)
     if kinds == ["file"]:
-        return solid_mesh(read_mesh(part.read("file", text), unit)), None, unit
+        data = read_mesh(part.read("file", text), unit)
+        # Of sets that overlap those count that have a material.
+        own = {name: rows for name, rows in data.regions.items() if name in regions}
+        overlap = sum(map(len, data.regions.values())) > len(data.elements)
+        chosen = overlap and len(own) == len(regions) > 0
+        return solid_mesh(replace(data, regions=own) if chosen else data), None, unit
     shape = part.part(kinds[0])
     if kinds == ["rod"]:
         known_fields(shape, "mesh.rod", "length", "area", "perimeter", "elements")
@@ -213,6 +222,11 @@ def _regions(whole: Part, body: SolidBody) -> dict[str, SolidMaterial]:
 def _boundary(body: SolidBody, name: str, place: str, *others: str) -> str:
     """A name that the mesh has."""
     there = (*body.boundaries, *others)
+    if not body.boundaries:
+        raise ModelError(
+            f"{place}: the mesh has no boundary: name its surfaces, as physical groups of Gmsh or "
+            "sets of facets, and save them with it"
+        )
     if name not in there:
         raise ModelError(f"{place}: the mesh has no boundary {name!r:.60}{hint(name, there)}")
     return name

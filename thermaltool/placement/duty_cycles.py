@@ -6,7 +6,7 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from thermaltool.errors import FitError
+from thermaltool.errors import FitError, counted
 from thermaltool.fitting.data import Array
 from thermaltool.model import rest_level
 from thermaltool.placement.candidates import DutyCycle
@@ -17,6 +17,8 @@ from thermaltool.units import drive_reference, hold_of
 
 # Noise of a sensor of which a log shows none, as part of its range.
 LEAST_NOISE = 1e-4
+# Rows with readings of all that a log has at least.
+LEAST_ROWS = 10
 
 
 def reading_noise(logs: Sequence[Record], channel: str) -> float:
@@ -51,11 +53,15 @@ def cycle_of(
     Raises
     ------
     FitError
-        No row with readings of all, or none that rises above the noise.
+        Hardly a row with readings of all, or no candidate that rises above the noise.
     """
     rows = log.known([*candidates, *outputs])
-    if not rows.any():
-        raise FitError(f"no row of {log.source.get('name', 'a log')} has readings of all")
+    count, name = int(rows.sum()), log.source.get("name", "a log")
+    if count < LEAST_ROWS:
+        raise FitError(
+            f"{counted(count, 'row')} of {name} with readings of all: moments of the temperatures "
+            f"take {LEAST_ROWS} at least"
+        )
 
     def rises(names: Sequence[str]) -> Array:
         columns = [log.column(name) for name in names]
@@ -65,11 +71,10 @@ def cycle_of(
 
     x, y = rises(candidates), np.array([log.column(name)[rows] for name in outputs])
     y = y - y[:, :1]
-    count = int(rows.sum())
     left, sizes, right = np.linalg.svd(x / noise[:, None] / np.sqrt(count), full_matrices=False)
     # Noise alone has singular values within 1 ± √(N/count), and adds 1 to the square of any.
     kept = int(np.sum(sizes > 1 + np.sqrt(len(x) / count)))
     if not kept:
-        raise FitError(f"no candidate of {log.source.get('name', 'a log')} rises above the noise")
+        raise FitError(f"no candidate of {name} rises above the noise")
     readings = noise[:, None] * left[:, :kept] * np.sqrt(sizes[:kept] ** 2 - 1)
     return DutyCycle(readings, y @ right[:kept].T / np.sqrt(count))

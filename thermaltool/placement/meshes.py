@@ -137,8 +137,9 @@ def _check_regions(data: MeshData) -> None:
     for wrong, what in ((times == 0, "no region"), (times > 1, "several regions")):
         if np.any(wrong):
             raise ModelError(
-                f"{np.count_nonzero(wrong)} of {len(data.elements)} elements are in {what}: every "
-                "element has one material"
+                f"{np.count_nonzero(wrong)} of {len(data.elements)} elements are in {what} "
+                f"({', '.join(data.regions)}): every element has one material; [regions] names "
+                "the sets that count"
             )
 
 

@@ -8,8 +8,9 @@ M = I + Σ_S φ_i φ_iᵀ/σ_i². Criteria, all concave in weights of the candid
 - A: −½ ln tr Φ M⁻¹ Φᵀ, the variance of the temperatures at all candidates;
 - I: −½ ln tr C M⁻¹ Cᵀ, the variance of the deflections to be predicted.
 
-Greedy forward selection with exchange (Fedorov 1972) finds a set, and a relaxation to weights
-between 0 and 1 bounds what any set reaches: f(w*) ≤ f(w) + max_v ∇f(w)ᵀ(v − w).
+Where all sets are few enough they are compared. Else greedy forward selection with exchange
+(Fedorov 1972) finds a set, and a relaxation to weights between 0 and 1 bounds what any set reaches:
+f(w*) ≤ f(w) + max_v ∇f(w)ᵀ(v − w).
 """
 
 from __future__ import annotations
@@ -25,6 +26,7 @@ from numpy.typing import NDArray
 from thermaltool.errors import FitError, counted
 from thermaltool.fitting.data import Array
 from thermaltool.placement.candidates import Candidates, deflection_errors, output_errors
+from thermaltool.placement.exhaustive import best_set, set_sizes
 from thermaltool.placement.sensor_sets import SensorSet
 
 Criterion = Literal["I", "A", "D"]
@@ -142,7 +144,7 @@ class _Information:
 def place_sensors(
     candidates: Candidates, budget: float, criterion: Criterion = "I", bounded: bool = True
 ) -> Placement:
-    """Sensors within a budget, by greedy forward selection and exchange.
+    """Sensors within a budget: the best of all sets where these are few, else by search.
 
     Parameters
     ----------
@@ -166,20 +168,16 @@ def place_sensors(
             f"sensors for {budget:g} of {int(allowed.sum())} candidates, which cost "
             f"{costs[allowed].sum():g} in all: ask for fewer"
         )
-    starts: list[list[int]] = [[]]
-    if len(costs) <= MANY_CANDIDATES:
-        starts += [[int(k)] for k in np.flatnonzero(allowed & (costs <= budget + MIN_GAIN))]
-    found = [_searched(candidates, criterion, start, budget) for start in starts]
-    bound = np.inf
-    if bounded:
-        value, chosen = max(found)
+    exact = _best_of_all(candidates, budget, criterion)
+    value, chosen = exact or _best_found(candidates, budget, criterion)
+    bound = value if exact else np.inf
+    if bounded and not exact:
         bound, relaxed = _relaxed(candidates, budget, criterion, _weights(candidates, chosen))
         # The sensors of the largest weights are another start.
         ranked = [int(k) for k in np.argsort(-relaxed, kind="stable") if relaxed[k] > 0.5]
         start = _within(ranked, costs, budget)
-        found.append(_searched(candidates, criterion, start, budget))
-    value, chosen = max(found)
-    bound = max(bound, value)
+        value, chosen = max((value, chosen), _searched(candidates, criterion, start, budget))
+        bound = max(bound, value)
     efficiency = float(np.exp((value - bound) / (len(chosen) if criterion == "D" else 1)))
     errors = deflection_errors(candidates, chosen)
     return Placement(tuple(chosen), value, bound, efficiency, errors)
@@ -242,6 +240,30 @@ def criterion_value(candidates: Candidates, sensors: Sequence[int], criterion: C
     return _Information(candidates, criterion).at(_weights(candidates, sensors)).value()
 
 
+def _best_of_all(
+    candidates: Candidates, budget: float, criterion: Criterion
+) -> tuple[float, list[int]] | None:
+    """Value and sensors of the best of all sets within a budget; None where these are too many."""
+    places, most = np.flatnonzero(candidates.allowed).tolist(), budget + MIN_GAIN
+    state = _Information(candidates, criterion)
+    targets = None if criterion == "D" else state.targets
+    found = [
+        best_set(state.rows, targets, places, size, candidates.costs, most)
+        for size in set_sizes(candidates.costs[places], most)
+    ]
+    return max(((criterion_value(candidates, s, criterion), s) for s in found if s), default=None)
+
+
+def _best_found(
+    candidates: Candidates, budget: float, criterion: Criterion
+) -> tuple[float, list[int]]:
+    """Value and sensors of the best that starts lead to: none, of few candidates each of them."""
+    starts: list[list[int]] = [[]]
+    if len(candidates.costs) <= MANY_CANDIDATES:
+        starts += [[int(k)] for k in _free(candidates, [], budget)]
+    return max(_searched(candidates, criterion, start, budget) for start in starts)
+
+
 def _searched(
     candidates: Candidates, criterion: Criterion, start: Sequence[int], budget: float
 ) -> tuple[float, list[int]]:
@@ -268,9 +290,7 @@ def _greedy(
     for place in chosen:
         state.add(place)
     while True:
-        free = candidates.allowed & (costs <= budget - costs[chosen].sum() + MIN_GAIN)
-        free[chosen] = False
-        places = np.flatnonzero(free)
+        places = _free(candidates, chosen, budget)
         if not len(places):
             return chosen
         best = int(places[np.argmax(state.gains(places) / costs[places])])
@@ -303,9 +323,8 @@ def _exchanged(
     return found
 
 
-def _free(state: _Information, taken: Sequence[int], budget: float) -> NDArray[np.intp]:
+def _free(candidates: Candidates, taken: Sequence[int], budget: float) -> NDArray[np.intp]:
     """Candidates that may be taken beside others."""
-    candidates = state.candidates
     spare = budget - candidates.costs[list(taken)].sum() + MIN_GAIN
     free = candidates.allowed & (candidates.costs <= spare)
     free[list(taken)] = False
@@ -316,7 +335,7 @@ def _exchange_one(state: _Information, found: list[int], k: int, budget: float) 
     """The best candidate in the place of sensor k; itself where none is better."""
     own = found[k]
     state.add(own, -1.0)
-    places = _free(state, [*found[:k], *found[k + 1 :]], budget)
+    places = _free(state.candidates, [*found[:k], *found[k + 1 :]], budget)
     gains = state.gains(places)
     best = int(places[np.argmax(gains)])
     found[k] = best if gains.max() > gains[np.searchsorted(places, own)] + MIN_GAIN else own
@@ -332,13 +351,13 @@ def _exchange_pair(
     state.add(a, -1.0)
     state.add(b, -1.0)
     kept = [place for k, place in enumerate(found) if k not in pair]
-    places = _free(state, kept, budget)
+    places = _free(state.candidates, kept, budget)
     base, gains = state.value(), state.gains(places)
     best, level = (a, b), before + MIN_GAIN
     for first in places[np.argsort(-gains, kind="stable")[:PAIR_TRIALS]].tolist():
         gain = gains[np.searchsorted(places, first)]
         state.add(first)
-        others = _free(state, [*kept, first], budget)
+        others = _free(state.candidates, [*kept, first], budget)
         if len(others):
             more = state.gains(others)
             if base + gain + more.max() > level:

@@ -24,6 +24,8 @@ from thermaltool.placement.regression import Basis, RegressionProblem, Rows
 RIDGES = (1e-5, 1e-4, 1e-3, 1e-2, 1e-1)
 # Low-pass states beside a sensor: none, or time constants of these parts of the longest log.
 LAG_PARTS: tuple[tuple[float, ...], ...] = ((), (16.0,), (50.0, 6.0))
+# Rows of each block that is held out, at least.
+MIN_BLOCK_ROWS = 2
 # A score, a logarithm of an RMS, is better by this at least.
 MIN_GAIN = 1e-9
 
@@ -69,6 +71,8 @@ def lag_forms(data: TrainingData) -> tuple[tuple[float, ...], ...]:
 def best_time_constants(data: TrainingData, sensors: Sequence[str]) -> tuple[float, ...]:
     """Time constants with which all sensors together predict held-out rows best [s].
 
+    None where the rows are too few to hold some out.
+
     Parameters
     ----------
     data : TrainingData
@@ -76,6 +80,8 @@ def best_time_constants(data: TrainingData, sensors: Sequence[str]) -> tuple[flo
     sensors : sequence of str
     """
     found = []
+    if len(RegressionProblem(data, Basis(tuple(sensors))).measured) < MIN_BLOCK_ROWS * BLOCKS:
+        return ()
     for taus in lag_forms(data):
         scores = HeldOutScores([RegressionProblem(data, Basis(tuple(sensors), taus))])
         found.append(scores.choice(range(len(sensors))))
@@ -105,9 +111,20 @@ class HeldOutScores:
     ----------
     problems : sequence of RegressionProblem
         One for each output, with the same basis.
+
+    Raises
+    ------
+    FitError
+        Too few rows for blocks that are held out.
     """
 
     def __init__(self, problems: Sequence[RegressionProblem]) -> None:
+        rows = min(len(problem.measured) for problem in problems)
+        if rows < MIN_BLOCK_ROWS * BLOCKS:
+            raise FitError(
+                f"{counted(rows, 'row')}: too few to hold out each of {BLOCKS} blocks in turn, "
+                f"which takes {MIN_BLOCK_ROWS * BLOCKS}"
+            )
         self.basis = problems[0].basis
         self._slots = 1 + len(self.basis.time_constants)
         self._sums = [[_sums(problem, held) for held in held_out_rows(problem)]

@@ -38,7 +38,9 @@ def design_summary(design: EstimatorDesign) -> str:
     """One line: the form that was chosen, with its settings or with what it reads."""
     if design.best is None:
         read = design.model.estimator_design()["known"]["columns"]
-        return f"chosen: feedforward, from {', '.join(each['channel'] for each in read)}"
+        # A channel that drives and schedules is read twice.
+        channels = dict.fromkeys(each["channel"] for each in read)
+        return f"chosen: feedforward, from {', '.join(channels)}"
     settings = (f"{name} = {value:.4g}" for name, value in design.best.settings.items())
     return f"chosen: {design.chosen}, {', '.join(settings)}"
 

@@ -20,8 +20,8 @@ MAX_ROWS = 12
 EVEN = 1e-6
 # Part of a steady state that the modes leave out, above which that is said.
 MAX_MISSING = 0.05
-# Length of a body from which on its unit is doubted [m].
-MAX_LENGTH = 30.0
+# Lengths of a body beyond which its unit is doubted [m].
+MIN_LENGTH, MAX_LENGTH = 0.01, 30.0
 # Part of the largest rise by which a heat may seem to cool on a mesh of linear elements.
 MAX_COOLED = 0.02
 # Part of a gain that one mode makes, above which what the modes leave of each other is doubted.
@@ -58,7 +58,7 @@ def _doubts(modes: ThermalEigenmodes, body: SolidBody) -> list[str]:
     """Signs that the mesh is too coarse for the body, or its unit another."""
     doubts = []
     length = float(np.max(np.ptp(body.mesh.p, axis=1)))
-    if length > MAX_LENGTH:
+    if not MIN_LENGTH <= length <= MAX_LENGTH:
         doubts.append(f"the body is {length:.3g} m long: is the unit of [mesh] right?")
     # Nothing that heat alone acts on is colder than what is around it.
     coldest, hottest = modes.steady_states.min(axis=0), modes.steady_states.max(axis=0)
