@@ -19,7 +19,8 @@ from functools import cached_property
 import numpy as np
 
 from thermaltool.estimation.state_space import StateSpace, propagated
-from thermaltool.responses.modes import Float, Recursion
+from thermaltool.responses.modes import Float
+from thermaltool.responses.recursion import Recursion
 
 # What is left of a start below this share no longer counts.
 REMAINDER = 1e-10
