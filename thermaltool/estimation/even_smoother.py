@@ -55,7 +55,7 @@ class EvenSmoother:
         self.H, self.K = H, F @ space.filter_gain(P)
         self.L = F - self.K @ H
         self.weighed = np.asarray(np.linalg.solve(self.S, H))
-        self._root = np.linalg.inv(np.linalg.cholesky(self.S))
+        self._weight = np.linalg.inv(self.S)
         self.D = P - start
         self._forward = Recursion(self.L, self.K, np.zeros_like(self.K), np.vstack([H, C]))
         back = self.weighed.T
@@ -117,7 +117,7 @@ class EvenSmoother:
     def _begun(self, readings: Float, shocks: Float | None = None) -> tuple[Float, Float, float]:
         """Estimates as from a start of zero, the first state, and the squares."""
         estimates, v, r = self._pass(readings, np.zeros(len(self.P)), shocks)
-        squares = float(np.sum(np.square(v @ self._root.T)))
+        squares = float(np.sum(self._weight * (v.T @ v)))
         told = np.linalg.solve(self.ratio, r)
         return estimates, -self.D @ told, squares + float(r @ self.D @ told)
 
