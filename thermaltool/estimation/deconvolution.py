@@ -36,8 +36,8 @@ VARIATION_PACE = 2.0
 # Turns of a search at each weight, of which a rule takes one that is then searched to its end: on
 # simulated walls the error came within 7 % of that of a grid of ends, in a third of the time.
 SCOUTING_TURNS = 40
-# A longer record is scouted over its first so many rows, or over more, until they hold their part of
-# the changes of the heat: the best weight hangs on noise and steps, not on how long a record is.
+# A longer record is scouted over its first so many rows, or over more, until they hold their part
+# of the changes of the heat: the best weight hangs on noise and steps, not on how long a record is.
 SCOUTED_ROWS = 20000
 # Residuals of a heat within bounds that are so many times the noise are told [1].
 LARGE_RESIDUAL = 2.0
