@@ -21,7 +21,7 @@ from numpy.typing import NDArray
 from thermaltool.estimation.estimator import KalmanEstimator, SensorNoise
 from thermaltool.estimation.filter_track import FilterTrack
 from thermaltool.estimation.gain_test import GainTest
-from thermaltool.estimation.loss_test import LossTest, tested_loss
+from thermaltool.estimation.loss_test import LossTest, loss_rate
 from thermaltool.estimation.start import Initial
 from thermaltool.estimation.static_gains import checked_sensors
 from thermaltool.responses.modes import Float
@@ -142,7 +142,7 @@ class InnovationTest:
             self._gains = GainTest(_shares(estimator), gain_error)
             self._gains.start(len(self._track.x))
         self._loss = None
-        if self._gains is not None and (rate := tested_loss(self._filter, gain_error)) is not None:
+        if self._gains is not None and (rate := loss_rate(self._filter, gain_error)) is not None:
             self._loss = LossTest(self._filter, rate, self._period, level)
 
     def start(self, readings: Float, initial: Initial = "rest") -> None:

@@ -2,12 +2,13 @@
 
 Beside the filter of the model runs that of a machine that loses a given amount more; the logarithm
 of the likelihood ratio is summed over the rows, never below zero, and is an alarm where it is large
-(Page 1954; Lorden 1971). A loss of half that amount is where the sum begins to rise, so that a
-calibration that is a little wrong does not make it. It needs numpy alone.
+(Page 1954; Lorden 1971). The sum forgets, as that of the ratios does. A loss of half that amount is
+where it begins to rise: a calibration that is a little wrong makes no alarm. It needs numpy alone.
 """
 
 from __future__ import annotations
 
+import math
 from collections.abc import Sequence
 from dataclasses import replace
 from typing import Any
@@ -16,7 +17,9 @@ import numpy as np
 
 from thermaltool.estimation.estimator import KalmanEstimator
 from thermaltool.estimation.filter_track import FilterTrack, TrackedRow
+from thermaltool.estimation.gain_test import MEMORY
 from thermaltool.responses.modes import Float, Modes
+from thermaltool.responses.sample_clock import CLOCK_STEP
 
 # The loss that is tested makes every decay faster by this share of the slowest one [1]: on a frame
 # of finite elements that of films half as strong again.
@@ -27,7 +30,7 @@ MIN_RATIOS = 8.0
 # No larger loss is tested, over the slowest rate [1].
 MAX_LOSS = 25.6
 # The sum that is an alarm [nats]: without a change 20 rows a minute exceed 17 once in a thousand
-# days (Lorden 1971); calibrated models made it up to 30 on days of the frame.
+# days (Lorden 1971); calibrated models made it up to 29 on days of the frame.
 MIN_LIKELIER = 30.0
 # The sum goes no further beyond the alarm [1]: a machine that is mended ends it.
 MOST = 2.0
@@ -89,6 +92,7 @@ class LossTest:
             Whether this row may say something.
         """
         row = self._track.step(ticks, readings)
+        self.value *= math.exp(-ticks * CLOCK_STEP / MEMORY)
         if counts and row.counts:
             value = self.value + row.log_density - model.log_density
             self.value = min(max(value, 0.0), MOST * MIN_LIKELIER)
@@ -112,7 +116,7 @@ class LossTest:
         self.value = float(value)
 
 
-def tested_loss(estimator: KalmanEstimator, gain_error: Sequence[float]) -> float | None:
+def loss_rate(estimator: KalmanEstimator, gain_error: Sequence[float]) -> float | None:
     """The rate by which every decay is faster on the machine that is tested [1/s]; None if none is.
 
     Parameters
