@@ -164,9 +164,7 @@ class InnovationTest:
             self._gains.start(len(self._track.x))
         if self._loss is not None:
             self._loss.start(readings, initial == "settled")
-        noise = [math.hypot(each.white, each.drift) for each in self._filter.noise]
-        warm = bool(np.any(np.abs(readings) > MAX_REST * np.array(noise)))
-        if initial == "free" or (initial == "rest" and warm):
+        if initial == "free" or (initial == "rest" and np.any(not_rest(self._filter, readings))):
             self._free(readings)
 
     def _free(self, readings: Float) -> bool:
@@ -279,6 +277,20 @@ class InnovationTest:
             self._gains.start(len(self._track.x))
             self._gains.resume(*gains)
         self.nis, self.drift, self._blind = float(nis), float(drift), int(blind)
+
+
+def not_rest(checking: KalmanEstimator, readings: Float) -> NDArray[np.bool_]:
+    """Of which sensors a first reading says that the machine is not at rest, shape (n_sensors,).
+
+    Parameters
+    ----------
+    checking : KalmanEstimator
+        What `checking_filter` gives.
+    readings : ndarray, shape (n_sensors,)
+        Relative to rest; NaN, of a sensor without a reading, says nothing.
+    """
+    noise = np.array([math.hypot(each.white, each.drift) for each in checking.noise])
+    return np.asarray(np.abs(readings) > MAX_REST * noise)
 
 
 def checking_filter(estimator: KalmanEstimator, model_error: Sequence[float]) -> KalmanEstimator:
