@@ -218,6 +218,18 @@ def test_what_is_told_of_the_rule_is_the_result(method):
     assert found.notes == ()
 
 
+@pytest.mark.parametrize("method", ["tikhonov1", "tv"])
+def test_residuals_that_no_heat_explains_are_told(method):
+    problem, rows = problem_of(2), 300
+    _, readings = readings_of(problem, rows)
+    time, stuck = DT * np.arange(rows), readings.copy()
+    stuck[100:, 1] = stuck[100, 1]
+    plan = DeconvolutionPlan(method)
+    told = deconvolve(problem.estimator, time, stuck, LEVEL, plan).notes
+    assert any("times the noise: model and machine have parted" in each for each in told)
+    assert not deconvolve(problem.estimator, time, readings, LEVEL, plan).notes
+
+
 def test_beck_fits_the_next_rows():
     problem = problem_of()
     heat, _ = readings_of(problem, 120)

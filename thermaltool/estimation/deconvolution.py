@@ -39,7 +39,7 @@ SCOUTING_TURNS = 40
 # A longer record is scouted over its first so many rows, or over more, until they hold their part
 # of the changes of the heat: the best weight hangs on noise and steps, not on how long a record is.
 SCOUTED_ROWS = 20000
-# Residuals of a heat within bounds that are so many times the noise are told [1].
+# Residuals that are so many times the noise are told [1].
 LARGE_RESIDUAL = 2.0
 
 
@@ -150,8 +150,14 @@ def deconvolve(
     found = _deconvolved(problem, readings, plan, acting)
     misfit = problem.misfit(readings - problem.simulated(found.heat))
     ratio = float(np.sqrt(misfit / readings.size))
-    if ratio > LARGE_RESIDUAL and (plan.low, plan.high) != (None, None):
+    bounded = (plan.low, plan.high) != (None, None)
+    # Beck's method leaves what is quicker than its future rows, whatever the noise.
+    if ratio > LARGE_RESIDUAL and (bounded or plan.method != "beck"):
         told = f"the bounds leave residuals of {ratio:.3g} times the noise"
+        if not bounded:
+            told = (f"the residuals are {ratio:.3g} times the noise: model and machine have "
+                    "parted, a sensor is wrong, or the noise is larger (--smooth asks which)"
+                    )  # fmt: skip
         found = replace(found, notes=(*found.notes, told))
     return replace(found, residual_over_noise=ratio)
 
