@@ -11,6 +11,7 @@ from scipy.linalg import toeplitz
 from scipy.optimize import lsq_linear
 
 from thermaltool.errors import FitError, LogError, ModelError
+from thermaltool.estimation import deconvolution
 from thermaltool.estimation.constrained import Bounds, ConstrainedProblem, SplitState
 from thermaltool.estimation.deconvolution import METHODS, DeconvolutionPlan, deconvolve
 from thermaltool.estimation.estimator import KalmanEstimator, SensorNoise
@@ -160,6 +161,35 @@ def test_a_heat_that_steps_is_best_met_by_total_variation():
     assert error["beck"] < 0.12
 
 
+def test_steps_that_are_known_are_no_error():
+    problem, rows, weight = problem_of(2, 0.1), 300, 50.0
+    heat, readings = readings_of(problem, rows)
+    smoother = EvenSmoother(*problem.space(1, weight), rows, (problem.estimator.modal,))
+    shocks = np.diff(heat + 2.0, prepend=0.0)[:, None]
+    away, _ = smoother.run(readings - problem.simulated(heat + 2.0))
+    known, _ = smoother.run(readings, shocks)
+    np.testing.assert_allclose(known[:, 0], heat + 2.0 + away[:, 0], rtol=0, atol=1e-8 * LEVEL)
+
+
+@pytest.mark.parametrize("begins", [0, 700])
+def test_total_variation_of_a_long_record_is_scouted_where_its_heat_is(begins, monkeypatch):
+    problem, rows = problem_of(), 1000
+    heat = np.concatenate([np.zeros(begins), readings_of(problem, rows - begins)[0]])
+    clean = problem.simulated(heat)
+    readings = clean + WHITE * np.random.default_rng(8).standard_normal(clean.shape)
+    plan, time = DeconvolutionPlan("tv"), DT * np.arange(rows)
+
+    def found(most):
+        monkeypatch.setattr(deconvolution, "SCOUTED_ROWS", most)
+        return deconvolve(problem.estimator, time, readings, LEVEL, plan)
+
+    whole, scouted = found(rows), found(250)
+    errors = [np.sqrt(np.mean((each.heat - heat) ** 2)) for each in (whole, scouted)]
+    assert errors[1] < 1.1 * errors[0]
+    # Of a heat that is late all rows are scouted but a few: the rules say nearly the same.
+    assert scouted.parameter == whole.parameter
+
+
 def test_bounds_of_every_method_hold():
     problem = problem_of()
     _, readings = readings_of(problem, 100)
@@ -186,6 +216,18 @@ def test_what_is_told_of_the_rule_is_the_result(method):
     assert taken.parameter == pytest.approx(found.parameter)
     assert taken.residual_over_noise == pytest.approx(found.residual_over_noise)
     assert found.notes == ()
+
+
+@pytest.mark.parametrize("method", ["tikhonov1", "tv"])
+def test_residuals_that_no_heat_explains_are_told(method):
+    problem, rows = problem_of(2), 300
+    _, readings = readings_of(problem, rows)
+    time, stuck = DT * np.arange(rows), readings.copy()
+    stuck[100:, 1] = stuck[100, 1]
+    plan = DeconvolutionPlan(method)
+    told = deconvolve(problem.estimator, time, stuck, LEVEL, plan).notes
+    assert any("times the noise: model and machine have parted" in each for each in told)
+    assert not deconvolve(problem.estimator, time, readings, LEVEL, plan).notes
 
 
 def test_beck_fits_the_next_rows():

@@ -116,3 +116,17 @@ def test_a_machine_that_is_a_little_warm_has_none(design):
     found = tt.estimate(design, rows, smooth=True, initial="rest", warn=str).found
     assert not found.not_at_rest
     assert found.alarm.word == "quiet"
+
+
+def test_a_start_that_is_a_little_warm_is_estimated(design):
+    # 0.25 K and less where the calibration has seen 5 K, and noise is 0.02 K.
+    heat = np.repeat([0.05, 0.05, 0.7, 0.3], [500, 40, 100, 60])
+    rows = log(heat, np.random.default_rng(21)).iloc[500:]
+    told = []
+    found = tt.estimate(design, rows, smooth=True, warn=told.append)
+    early = found.columns["Q_main_1"][2:30] - 0.05
+    assert np.sqrt(np.mean(early**2)) < 0.01
+    assert any("at the start is not rest: the state there is estimated" in each for each in told)
+    # Rest is rest.
+    cold = log(np.repeat([0.0, 0.7], [40, 60]), np.random.default_rng(22))
+    assert tt.estimate(design, cold, smooth=True, warn=str).found.initial == "rest"

@@ -7,7 +7,7 @@ import pytest
 
 from thermaltool.estimation.estimator import load_estimator
 from thermaltool.estimation.settling_time import settling_time
-from thermaltool.responses.modes import Recursion
+from thermaltool.responses.recursion import Recursion
 from thermaltool.responses.sample_clock import CLOCK_STEP
 from thermaltool.runtime.rows.row import Row
 from thermaltool.runtime.stepper import Stepper

@@ -22,8 +22,9 @@ from thermaltool.errors import ModelError
 from thermaltool.estimation.estimator import KalmanEstimator
 from thermaltool.estimation.known_inputs import Feedforward, KnownInputEstimator
 from thermaltool.responses.delay import DelayedModes
-from thermaltool.responses.modes import Float, Hold, Modes, Recursion
+from thermaltool.responses.modes import Float, Hold, Modes
 from thermaltool.responses.parallel import InputPath, parallel
+from thermaltool.responses.recursion import Recursion
 
 
 @dataclass(frozen=True)

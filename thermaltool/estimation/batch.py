@@ -8,12 +8,13 @@ from dataclasses import dataclass, field
 import numpy as np
 
 from thermaltool.errors import LogError, counted
+from thermaltool.estimation.bands import model_errors
 from thermaltool.estimation.changed_machine import Change
 from thermaltool.estimation.deconvolution import Deconvolved
 from thermaltool.estimation.estimator import KalmanEstimator
 from thermaltool.estimation.heat_steps import HeatSteps
-from thermaltool.estimation.innovation_test import Alarm
-from thermaltool.estimation.lookahead import Lookahead, look
+from thermaltool.estimation.innovation_test import Alarm, checking_filter, not_rest
+from thermaltool.estimation.lookahead import Lookahead, linear_kalman, look
 from thermaltool.estimation.model_departure import ModelDeparture
 from thermaltool.estimation.pipeline import EstimatorPipeline
 from thermaltool.estimation.start import Initial, Start
@@ -147,7 +148,15 @@ def estimate(
             if may_rest and len(above) and away_from_rest(above[0], column.calibrated):
                 not_at_rest[column.column] = float(above[0])
     if initial == "auto":
-        initial = "free" if how is not None and how.smooth and not_at_rest else "rest"
+        initial = "rest"
+        if how is not None and how.smooth and len(record):
+            # What is too little for a warning is no rest all the same, where noise is less.
+            kalman = linear_kalman(pipeline.estimator)
+            checking = checking_filter(kalman, model_errors(model, kalman))
+            above = true_values[0, : len(kalman.sensors)] - at_rest[: len(kalman.sensors)]
+            for k in np.flatnonzero(not_rest(checking, above)).tolist():
+                not_at_rest[pipeline.input_columns[k].column] = float(above[k])
+            initial = "free" if not_at_rest else "rest"
     sigma: dict[str, Float] = {}
     sizes, alarm, deconvolved, steps, no_steps, change = None, None, None, None, "", None
     departure = None

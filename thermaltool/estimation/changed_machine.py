@@ -25,6 +25,7 @@ from thermaltool.errors import FitError, LogError
 from thermaltool.estimation.estimator import KalmanEstimator
 from thermaltool.estimation.innovation_test import Alarm, checking_filter
 from thermaltool.estimation.likelihood import log_likelihood
+from thermaltool.estimation.loss_test import slowest_rate, with_loss_rate
 from thermaltool.estimation.start import Initial
 from thermaltool.responses.modes import Float, Modes
 from thermaltool.status import PARTED, QUIET
@@ -167,7 +168,7 @@ def likeliest_change(
         except (FitError, LogError, np.linalg.LinAlgError):
             return -np.inf
 
-    alone, slowest = likelihood(kalman), _slowest(kalman.sensed)
+    alone, slowest = likelihood(kalman), slowest_rate(kalman.sensed)
     if not np.isfinite(alone):
         return None
     found = []
@@ -183,7 +184,7 @@ def likeliest_change(
     if not likelier > MAY_BE:
         return None
     other = changed(size)
-    times = 1 / slowest, 1 / _slowest(other.sensed)
+    times = 1 / slowest, 1 / slowest_rate(other.sensed)
     ahead = likelier - max(found[1][0] - price, 0.0)
     error = _standard_error(likelihood, changed, size, step, gain_error)
     edge = size + math.copysign(error, size - (1.0 if sensor else 0.0))
@@ -211,7 +212,7 @@ def _hypotheses(
     """What, whose, sizes that are tried first, and the machine with a size."""
     both = (*kalman.sensed, *kalman.followed)
     lasts = any(np.any(modes.poles.real >= 0) for _, _, modes in both)
-    less = [] if lasts else [_slowest(both) * share for share in LESS]
+    less = [] if lasts else [slowest_rate(both) * share for share in LESS]
     tried = [*less, *(slowest * share for share in MORE)]
     yield "loss", "", tried, partial(_with_loss, kalman)
     for k, sensor in enumerate(kalman.sensors):
@@ -280,20 +281,10 @@ def _standard_error(
     return math.hypot(error, *moved)
 
 
-def _slowest(terms: Sequence[tuple[int, int, Modes]]) -> float:
-    """The slowest rate of responses [1/s]; of those that decay."""
-    rates = np.concatenate([-modes.poles.real for _, _, modes in terms])
-    decaying = rates[rates > 0]
-    return float(np.min(decaying)) if len(decaying) else 1.0
-
-
 def _with_loss(kalman: KalmanEstimator, rate: float) -> KalmanEstimator:
-    rate = max(rate, -MAX_LESS * _slowest((*kalman.sensed, *kalman.followed)))
-    sensed, followed = (
-        tuple((to, drive, replace(modes, poles=modes.poles - rate)) for to, drive, modes in terms)
-        for terms in (kalman.sensed, kalman.followed)
-    )
-    return replace(kalman, sensed=sensed, followed=followed)
+    """Another loss; never so much less that nothing would settle."""
+    both = (*kalman.sensed, *kalman.followed)
+    return with_loss_rate(kalman, max(rate, -MAX_LESS * slowest_rate(both)))
 
 
 def with_gain(kalman: KalmanEstimator, sensor: int, gain: float) -> KalmanEstimator:

@@ -92,7 +92,8 @@ class ConstrainedProblem:
 
     def _made(self) -> EvenSmoother:
         space, start = self.problem.space(self.order, self.weight, self.pinned)
-        return EvenSmoother(space, start, len(self.readings))
+        modal = self.problem.estimator.modal
+        return EvenSmoother(space, start, len(self.readings), (modal,))
 
     def solve(
         self, variation: float, state: SplitState, turns: int = MAX_ITERATIONS
@@ -114,21 +115,19 @@ class ConstrainedProblem:
         heat : ndarray, shape (n,)
         converged : bool
         """
-        level, shift, heat = self.problem.level, np.zeros(len(self.readings)), state.held
+        level, heat = self.problem.level, state.held
         low, high = self.bounds.low / level, self.bounds.high / level
         still = TOLERANCE * self.spread / level
         if state.pinned not in (None, self.pinned):
             self.pinned = state.pinned
             self.smoother = self._made()
         for turn in range(1, turns + 1):
-            before, taken = heat, self.readings
+            before, taken, near = heat, self.readings, None
             if self.total_variation:
-                shift = np.cumsum(state.steps - state.steps_dual)
-                taken = taken - self.problem.simulated(level * shift)
+                near = level * (state.steps - state.steps_dual)[:, None]
             if not self.bounds.free:
-                pinned = state.held - state.held_dual - shift
-                taken = np.hstack([taken, level * pinned[:, None]])
-            heat = shift + self.smoother.run(taken)[0][:, 0] / level
+                taken = np.hstack([taken, level * (state.held - state.held_dual)[:, None]])
+            heat = self.smoother.run(taken, near)[0][:, 0] / level
             standing, balance = _size(heat - before) < still, 1.0
             if self.total_variation:
                 steps, last = np.diff(heat, prepend=0.0), state.steps

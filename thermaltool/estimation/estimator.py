@@ -21,8 +21,9 @@ from thermaltool.estimation.known_inputs import Feedforward, load_known_inputs
 from thermaltool.estimation.linear_estimator import LinearEstimator
 from thermaltool.estimation.start import Initial, require_decay, warm_covariance
 from thermaltool.estimation.state_space import StateSpace
-from thermaltool.responses.modes import Float, Hold, Modes, Recursion
+from thermaltool.responses.modes import Float, Hold, Modes
 from thermaltool.responses.parallel import parallel
+from thermaltool.responses.recursion import Recursion
 
 # The Kalman gain varies slowly with the sample length: it is solved for on this relative grid.
 GAIN_GRID = 0.01

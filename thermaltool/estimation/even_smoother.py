@@ -19,7 +19,8 @@ from functools import cached_property
 import numpy as np
 
 from thermaltool.estimation.state_space import StateSpace, propagated
-from thermaltool.responses.modes import Float, Recursion
+from thermaltool.responses.modes import Float
+from thermaltool.responses.recursion import Recursion
 
 # What is left of a start below this share no longer counts.
 REMAINDER = 1e-10
@@ -36,7 +37,7 @@ class EvenSmoother:
         Covariance of the first state.
     rows : int
     shocked : sequence of int
-        States of which `scores` and `information` tell.
+        States of which `scores` and `information` tell, and that `run` may know to be moved.
 
     Raises
     ------
@@ -54,13 +55,14 @@ class EvenSmoother:
         self.H, self.K = H, F @ space.filter_gain(P)
         self.L = F - self.K @ H
         self.weighed = np.asarray(np.linalg.solve(self.S, H))
+        self._weight = np.linalg.inv(self.S)
         self.D = P - start
         self._forward = Recursion(self.L, self.K, np.zeros_like(self.K), np.vstack([H, C]))
         back = self.weighed.T
         self._back = Recursion(self.L.T, np.zeros_like(back), back, C @ P.T)
         self._shocked = list(shocked)
-        taken = np.eye(len(P))[self._shocked]
-        self._score = Recursion(self.L.T, np.zeros_like(back), back, taken)
+        self._entered = np.eye(len(P))[self._shocked]
+        self._score = Recursion(self.L.T, np.zeros_like(back), back, self._entered)
         self.N = propagated(self.L.T, H.T @ self.weighed, np.zeros_like(P), rows)
         self.ratio = np.eye(len(P)) - self.N @ self.D
 
@@ -76,12 +78,14 @@ class EvenSmoother:
         steady = self.rows * float(np.linalg.slogdet(self.S)[1])
         return steady + float(np.linalg.slogdet(self.ratio)[1])
 
-    def run(self, readings: Float) -> tuple[Float, float]:
+    def run(self, readings: Float, shocks: Float | None = None) -> tuple[Float, float]:
         """Smoothed estimates, and the readings squared over their covariance.
 
         Parameters
         ----------
         readings : ndarray, shape (n, n_sensors)
+        shocks : ndarray, shape (n, n_shocked), optional
+            What the shocked states are known to be moved by at each row, before its reading.
 
         Returns
         -------
@@ -89,7 +93,7 @@ class EvenSmoother:
         squares : float
             yᵀ Σ⁻¹ y.
         """
-        estimates, first, squares = self._begun(readings)
+        estimates, first, squares = self._begun(readings, shocks)
         count = min(self.rows, self._memory)
         estimates[:count] += self._pass(np.zeros((count, self.sensors)), first)[0]
         return estimates, squares
@@ -110,10 +114,10 @@ class EvenSmoother:
         """
         return self._begun(readings)[1:]
 
-    def _begun(self, readings: Float) -> tuple[Float, Float, float]:
+    def _begun(self, readings: Float, shocks: Float | None = None) -> tuple[Float, Float, float]:
         """Estimates as from a start of zero, the first state, and the squares."""
-        estimates, v, r = self._pass(readings, np.zeros(len(self.P)))
-        squares = float(np.sum(v * np.linalg.solve(self.S, v.T).T))
+        estimates, v, r = self._pass(readings, np.zeros(len(self.P)), shocks)
+        squares = float(np.sum(self._weight * (v.T @ v)))
         told = np.linalg.solve(self.ratio, r)
         return estimates, -self.D @ told, squares + float(r @ self.D @ told)
 
@@ -157,13 +161,23 @@ class EvenSmoother:
             back = self.L.T @ back
         return np.maximum(found, 0.0)
 
-    def _pass(self, readings: Float, first: Float) -> tuple[Float, Float, Float]:
-        v, predicted = self._innovations(readings, first)
+    def _pass(
+        self, readings: Float, first: Float, shocks: Float | None = None
+    ) -> tuple[Float, Float, Float]:
+        v, predicted = self._innovations(readings, first, shocks)
         added, r = self._adjoint(self._back, v)
         return predicted + added, v, r
 
-    def _innovations(self, readings: Float, first: Float) -> tuple[Float, Float]:
-        out, _ = self._forward.run(readings, first)
+    def _innovations(
+        self, readings: Float, first: Float, shocks: Float | None = None
+    ) -> tuple[Float, Float]:
+        if shocks is None:
+            out, _ = self._forward.run(readings, first)
+        else:
+            # A shock before the next reading is an input of this row.
+            following = np.vstack([shocks[1:], np.zeros((1, shocks.shape[1]))])
+            moved = first + shocks[0] @ self._entered
+            out, _ = self._forward_shocked.run(np.hstack([readings, following]), moved)
         # `run` takes an input at the start of its sample: row k has seen rows before k.
         return readings - out[:, : self.sensors], out[:, self.sensors :]
 
@@ -171,6 +185,12 @@ class EvenSmoother:
         padded = np.vstack([np.zeros((1, self.sensors)), v[::-1]])
         added, r = back.run(padded, np.zeros(len(self.P)))
         return added[:0:-1], r
+
+    @cached_property
+    def _forward_shocked(self) -> Recursion:
+        """The filter whose shocked states are known to move."""
+        G = np.hstack([self.K, self._entered.T])
+        return Recursion(self.L, G, np.zeros_like(G), np.vstack([self.H, self._C]))
 
     @cached_property
     def _memory(self) -> int:

@@ -12,7 +12,8 @@ import numpy as np
 from thermaltool.errors import FitError, LogError
 from thermaltool.estimation.parameter_rules import Path
 from thermaltool.estimation.penalties import HeatProblem
-from thermaltool.responses.modes import Float, Recursion
+from thermaltool.responses.modes import Float
+from thermaltool.responses.recursion import Recursion
 
 # Numbers of future rows that are tried, at most; no more where the residuals squared are so many
 # times the noise's.

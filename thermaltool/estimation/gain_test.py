@@ -48,6 +48,8 @@ class WhitenedSample:
         What a state becomes without its readings, (I − G H) F.
     whitened : ndarray, shape (n_sensors, n)
         What a state foretells of the next readings, whitened.
+    log_scale : float
+        Logarithm of the determinant of `root`.
     """
 
     F: Float
@@ -56,12 +58,14 @@ class WhitenedSample:
     root: Float
     kept: Float
     whitened: Float
+    log_scale: float
 
     @staticmethod
     def of(F: Float, H: Float, G: Float, S: Float) -> WhitenedSample:
         """From the covariance of its innovations, too."""
         root = np.linalg.inv(np.linalg.cholesky(S))
-        return WhitenedSample(F, H, G, root, F - G @ H @ F, root @ H @ F)
+        scale = float(np.sum(np.log(np.diag(root))))
+        return WhitenedSample(F, H, G, root, F - G @ H @ F, root @ H @ F, scale)
 
 
 class GainTest:

@@ -1,28 +1,27 @@
 """Whether a model still goes with its machine: a test of the readings along the way.
 
 A Kalman filter that lets the heat change as fast as it likes runs beside the estimator: what no
-heat explains is left to the sensors' noise. Three signs say that model and machine have parted: the
+heat explains is left to the sensors' noise. Four signs say that model and machine have parted: the
 innovations squared, over what the filter expects (NIS), and drifts that the sensors would need and
-that noise and model do not account for, both as means over half an hour; and sensors that answer in
-other ratios (`gain_test`). It needs numpy alone.
+that noise and model do not account for, both as means over half an hour; sensors that answer in
+other ratios (`gain_test`); and readings that are likelier from a machine that loses more heat
+(`loss_test`). It needs numpy alone.
 """
 
 from __future__ import annotations
 
 import math
 from collections.abc import Sequence
-from contextlib import suppress
 from dataclasses import dataclass, replace
-from functools import lru_cache
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
-from thermaltool.errors import FitError
 from thermaltool.estimation.estimator import KalmanEstimator, SensorNoise
-from thermaltool.estimation.free_start import FreeStart
-from thermaltool.estimation.gain_test import GainTest, WhitenedSample
+from thermaltool.estimation.filter_track import FilterTrack
+from thermaltool.estimation.gain_test import GainTest
+from thermaltool.estimation.loss_test import LossTest, loss_rate
 from thermaltool.estimation.start import Initial
 from thermaltool.estimation.static_gains import checked_sensors
 from thermaltool.responses.modes import Float
@@ -52,11 +51,9 @@ MAX_PAUSE, BLIND_TIME = 5, 60.0
 # A first reading further from rest than so many standard deviations of noise and model says that
 # the machine is warm [1].
 MAX_REST = 5.0
-# Ratios are tested where signals are so many times what is expected of an innovation (whitened):
-# the heat of a machine that idles is noise, which answers in no ratio.
+# Ratios and losses are tested where signals are so many times what is expected of an innovation
+# (whitened): the heat of a machine that idles is noise, which answers in no ratio.
 MIN_SIGNAL = 10.0
-# Sample lengths whose matrices are kept.
-MAX_CACHED_LENGTHS = 64
 # A quiet record of which a smaller share of the rows counts says how many do.
 MIN_TESTED = 0.5
 
@@ -129,17 +126,13 @@ class InnovationTest:
         gain_error: Sequence[float] = (),
         level: Sequence[float] = (),
     ) -> None:
-        self._level = tuple(level)
         self._filter = checking_filter(estimator, model_error)
         noise = self._filter.noise
         self._period = max(round(period / CLOCK_STEP), 1)
-        self._sample = lru_cache(MAX_CACHED_LENGTHS)(self._of_ticks)
+        self._track = FilterTrack(self._filter, self._period, level)
         self._allowed = np.array([each.drift for each in noise])
-        sample, _ = self._sample(self._period)
         self._sensors, self._modal = len(noise), self._filter.modal
-        self._x = np.zeros(len(sample.F))
         self._blind = 0
-        self._unknown: FreeStart | None = None
         self.nis, self.drift, self.counted = 1.0, 1.0, False
         checked = checked_sensors(estimator)
         self.can_tell = bool(np.any(checked))
@@ -147,16 +140,10 @@ class InnovationTest:
         self._gains = None
         if gain_error and self.can_tell:
             self._gains = GainTest(_shares(estimator), gain_error)
-            self._gains.start(len(self._x))
-
-    def _of_ticks(self, ticks: int) -> tuple[WhitenedSample, float]:
-        """The filter over a sample, and the weight of a row in the means."""
-        dt = ticks * CLOCK_STEP
-        space = self._filter.state_space(dt)
-        P, G = self._filter.steady(dt)
-        S = space.H @ P @ space.H.T + space.R
-        weight = min(-math.expm1(-dt / WINDOW), 1 / WINDOW_ROWS)
-        return WhitenedSample.of(space.F, space.H, G, S), weight
+            self._gains.start(len(self._track.x))
+        self._loss = None
+        if self._gains is not None and (rate := loss_rate(self._filter, gain_error)) is not None:
+            self._loss = LossTest(self._filter, rate, self._period, level)
 
     def start(self, readings: Float, initial: Initial = "rest") -> None:
         """Begin at the first readings.
@@ -170,30 +157,26 @@ class InnovationTest:
             At rest, settled at the readings, or warm, of which no more is known; free of a response
             that does not decay: at rest. So is a machine at rest that reads otherwise.
         """
-        dt = self._period * CLOCK_STEP
-        self._x, self._unknown = self._filter.start(dt, readings, initial == "settled"), None
+        self._track.start(readings, initial == "settled")
         self._blind = 0
         self.nis, self.drift, self.counted = 1.0, 1.0, False
         if self._gains is not None:
-            self._gains.start(len(self._x))
-        noise = [math.hypot(each.white, each.drift) for each in self._filter.noise]
-        warm = bool(np.any(np.abs(readings) > MAX_REST * np.array(noise)))
-        if initial == "free" or (initial == "rest" and warm):
+            self._gains.start(len(self._track.x))
+        if self._loss is not None:
+            self._loss.start(readings, initial == "settled")
+        if initial == "free" or (initial == "rest" and np.any(not_rest(self._filter, readings))):
             self._free(readings)
 
     def _free(self, readings: Float) -> bool:
         """Go on from a reading of a machine that is warm, if any; means and sums stay."""
-        if not self._level:
+        if not self._track.free(readings):
             return False
-        dt = self._period * CLOCK_STEP
-        with suppress(FitError):
-            unknown = FreeStart(self._filter, dt, self._level)
-            self._x, self._unknown = unknown.first(dt, readings), unknown
-            if self._gains is not None:
-                self._gains.forget_state()
-            self._blind, self.counted = 0, False
-            return True
-        return False
+        if self._gains is not None:
+            self._gains.forget_state()
+        if self._loss is not None:
+            self._loss.free(readings)
+        self._blind, self.counted = 0, False
+        return True
 
     def step(self, ticks: int, readings: Float) -> None:
         """Take the readings after a sample of `ticks` clock steps.
@@ -205,41 +188,42 @@ class InnovationTest:
         """
         if ticks > MAX_PAUSE * self._period and self._free(readings):
             return
-        sample, weight = self._sample(ticks)
-        counts = self._blind <= 0
-        if self._unknown is not None:
-            sample = self._unknown.sample(ticks, sample)
-            counts = counts and self._unknown.counts
-            self._unknown = None if self._unknown.over else self._unknown
-        a = sample.F @ self._x
-        v = readings - sample.H @ a
-        self._x = a + sample.G @ v
-        z = sample.root @ v
+        row = self._track.step(ticks, readings)
+        sample, z, dt = row.sample, row.z, ticks * CLOCK_STEP
+        counts = self._blind <= 0 and row.counts
         if ticks > MAX_PAUSE * self._period:
             self._blind = max(round(BLIND_TIME / CLOCK_STEP), MAX_PAUSE * self._period)
             counts = False
         if self._gains is not None:
-            signals = sample.H[:, : self._modal] @ a[: self._modal]
-            shows = float(np.linalg.norm(sample.root @ signals)) > MIN_SIGNAL
-            self._gains.step(sample, signals, z, ticks * CLOCK_STEP, counts and shows)
+            signals = sample.H[:, : self._modal] @ row.foretold[: self._modal]
+            shows = counts and float(np.linalg.norm(sample.root @ signals)) > MIN_SIGNAL
+            self._gains.step(sample, signals, z, dt, shows)
+            if self._loss is not None:
+                self._loss.step(ticks, readings, row, shows)
         if self._blind > 0:
             self._blind -= min(ticks, self._period)
         self.counted = counts
         if not counts:
             return
-        drift = self._x[-self._sensors :] / self._allowed
+        weight = min(-math.expm1(-dt / WINDOW), 1 / WINDOW_ROWS)
+        drift = self._track.x[-self._sensors :] / self._allowed
         self.nis += weight * (float(z @ z) / self._sensors - self.nis)
         self.drift += weight * (float(drift @ drift) / self._sensors - self.drift)
 
     @property
     def alarm(self) -> bool:
         """Whether model and machine have parted."""
-        changed = self.nis > MAX_NIS or self.drift > MAX_DRIFT or self._ratios_differ
+        changed = self.nis > MAX_NIS or self.drift > MAX_DRIFT
+        changed = changed or self._ratios_differ or self._loses_more
         return self.can_tell and changed
 
     @property
     def _ratios_differ(self) -> bool:
         return self._gains is not None and self._gains.value > self._gains.limit
+
+    @property
+    def _loses_more(self) -> bool:
+        return self._loss is not None and self._loss.alarm
 
     @property
     def reason(self) -> str:
@@ -252,7 +236,11 @@ class InnovationTest:
                               zip(self._filter.sensors, gains, strict=True))  # fmt: skip
             return (f"the sensors' ratios differ from the model's ({found}; chi-squared "
                     f"{self._gains.value:.3g}, limit {self._gains.limit:.3g})")  # fmt: skip
-        drift = self._x[-self._sensors :]
+        if self._loss is not None and self._loses_more:
+            return (f"the readings are {self._loss.value:.3g} nats likelier from a machine that "
+                    "loses more heat, its slowest time constant "
+                    f"{self._loss.shorter_percent:.2g} % shorter")  # fmt: skip
+        drift = self._track.x[-self._sensors :]
         worst = int(np.argmax(np.abs(drift) / self._allowed))
         return (
             f"{self._filter.sensors[worst]} would have to drift by {drift[worst]:.3g}, the mean "
@@ -261,9 +249,11 @@ class InnovationTest:
 
     def state(self) -> list[Any]:
         """For `resume`, as JSON."""
+        x, unknown = self._track.state()
         gains = [] if self._gains is None else [self._gains.state()]
-        unknown = [] if self._unknown is None else [{"start": self._unknown.state()}]
-        return [self._x.tolist(), self.nis, self.drift, self._blind, *gains, *unknown]
+        loss = [] if self._loss is None else [{"loss": self._loss.state()}]
+        start = [] if unknown is None else [{"start": unknown}]
+        return [x, self.nis, self.drift, self._blind, *gains, *loss, *start]
 
     def resume(self, values: list[Any]) -> None:
         """Go on from a state.
@@ -274,21 +264,33 @@ class InnovationTest:
             Not a state of this test.
         """
         x, nis, drift, blind, *more = values
-        unknown = [each["start"] for each in more if isinstance(each, dict)]
-        gains = more[: len(more) - len(unknown)]
-        state = np.array(x, float)
-        if state.shape != self._x.shape or not np.isfinite([*state, nis, drift]).all():
+        named = {k: v for each in more if isinstance(each, dict) for k, v in each.items()}
+        gains = [each for each in more if not isinstance(each, dict)]
+        if not np.isfinite([nis, drift]).all() or len(gains) != (self._gains is not None):
             raise ValueError("not a state of this test")
-        if len(gains) != (self._gains is not None) or len(unknown) > 1:
+        if ("loss" in named) != (self._loss is not None) or not named.keys() <= {"loss", "start"}:
             raise ValueError("not a state of this test")
-        self._unknown = None
-        for each in unknown:
-            dt = self._period * CLOCK_STEP
-            self._unknown = FreeStart(self._filter, dt, self._level, each)
+        self._track.resume(x, named.get("start"))
+        if self._loss is not None:
+            self._loss.resume(named["loss"])
         if self._gains is not None:
-            self._gains.start(len(state))
+            self._gains.start(len(self._track.x))
             self._gains.resume(*gains)
-        self._x, self.nis, self.drift, self._blind = state, float(nis), float(drift), int(blind)
+        self.nis, self.drift, self._blind = float(nis), float(drift), int(blind)
+
+
+def not_rest(checking: KalmanEstimator, readings: Float) -> NDArray[np.bool_]:
+    """Of which sensors a first reading says that the machine is not at rest, shape (n_sensors,).
+
+    Parameters
+    ----------
+    checking : KalmanEstimator
+        What `checking_filter` gives.
+    readings : ndarray, shape (n_sensors,)
+        Relative to rest; NaN, of a sensor without a reading, says nothing.
+    """
+    noise = np.array([math.hypot(each.white, each.drift) for each in checking.noise])
+    return np.asarray(np.abs(readings) > MAX_REST * noise)
 
 
 def checking_filter(estimator: KalmanEstimator, model_error: Sequence[float]) -> KalmanEstimator:

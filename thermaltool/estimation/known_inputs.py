@@ -19,8 +19,9 @@ from thermaltool.errors import ModelError
 from thermaltool.estimation.linear_estimator import LinearEstimator
 from thermaltool.estimation.state_space import StateSpace
 from thermaltool.responses.delay import load_modes
-from thermaltool.responses.modes import Float, Hold, Modes, Recursion
+from thermaltool.responses.modes import Float, Hold, Modes
 from thermaltool.responses.parallel import InputPath, parallel, settled_state
+from thermaltool.responses.recursion import Recursion
 from thermaltool.responses.sample_clock import uniform_spans
 
 if TYPE_CHECKING:

@@ -19,7 +19,8 @@ from thermaltool.estimation.even_smoother import EvenSmoother
 from thermaltool.estimation.start import Initial
 from thermaltool.estimation.state_space import StateSpace
 from thermaltool.record import Rows
-from thermaltool.responses.modes import Float, Recursion
+from thermaltool.responses.modes import Float
+from thermaltool.responses.recursion import Recursion
 from thermaltool.responses.sample_clock import CLOCK_STEP, uniform_spans
 
 # The search is a simplex of these first steps [factors on a logarithmic scale] ...

@@ -6,7 +6,8 @@ from functools import lru_cache
 
 import numpy as np
 
-from thermaltool.responses.modes import Float, Recursion
+from thermaltool.responses.modes import Float
+from thermaltool.responses.recursion import Recursion
 from thermaltool.responses.sample_clock import CLOCK_STEP, uniform_spans
 
 # Sample lengths whose recursion is kept: an even clock has one, a printed jittering one a few.

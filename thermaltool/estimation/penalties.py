@@ -16,7 +16,8 @@ import numpy as np
 from thermaltool.estimation.estimator import KalmanEstimator
 from thermaltool.estimation.even_smoother import EvenSmoother
 from thermaltool.estimation.state_space import StateSpace
-from thermaltool.responses.modes import Float, Recursion
+from thermaltool.responses.modes import Float
+from thermaltool.responses.recursion import Recursion
 
 
 @dataclass(frozen=True)

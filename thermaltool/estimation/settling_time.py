@@ -6,7 +6,8 @@ import math
 
 import numpy as np
 
-from thermaltool.responses.modes import Float, Recursion
+from thermaltool.responses.modes import Float
+from thermaltool.responses.recursion import Recursion
 
 # What is left of an error that counts as nothing: three time constants of a first-order lag.
 REMAINDER = 0.05

@@ -15,7 +15,8 @@ import numpy as np
 
 from thermaltool.estimation.estimator import KalmanEstimator
 from thermaltool.estimation.even_smoother import EvenSmoother
-from thermaltool.responses.modes import Float, Recursion
+from thermaltool.responses.modes import Float
+from thermaltool.responses.recursion import Recursion
 
 # Rows that may hold a step: in a longer record every second row may, or fewer.
 MAX_PLACES = 8000

@@ -25,7 +25,8 @@ from thermaltool.estimation.permanent_effects import (
 )
 from thermaltool.model import Model, state_rates
 from thermaltool.record import Record
-from thermaltool.responses.modes import Float, Recursion
+from thermaltool.responses.modes import Float
+from thermaltool.responses.recursion import Recursion
 from thermaltool.responses.sample_clock import CLOCK_STEP
 
 # The steady state of a loss that depends on it is repeated until it changes by less than this share

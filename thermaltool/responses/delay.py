@@ -14,7 +14,8 @@ from typing import Any
 import numpy as np
 
 from thermaltool.errors import ModelError
-from thermaltool.responses.modes import Complex, Float, Hold, Modes, Recursion
+from thermaltool.responses.modes import Complex, Float, Hold, Modes
+from thermaltool.responses.recursion import Recursion
 from thermaltool.responses.sample_clock import EQUAL_LENGTHS
 
 

@@ -18,120 +18,17 @@ from numpy.typing import NDArray
 
 from thermaltool.errors import ModelError
 from thermaltool.responses.propagation import propagate, propagate_double, recursion_of
+from thermaltool.responses.recursion import Float, Recursion
 from thermaltool.responses.sample_clock import clock_step
 from thermaltool.units import Hold
 
-Float = NDArray[np.float64]
 Complex = NDArray[np.complex128]
 Range = tuple[float, float]
 
-# Samples of a block of `Recursion.run`: longer ones make its matrices larger than they save.
-BLOCK = 64
 # States of several modes that are kept at once on an uneven clock (8 MB).
 MAX_STATES = 2**20
 # Rows that are stepped through at once on an uneven clock; a longer record goes on from the state.
 MAX_STRETCH = 2**17
-
-
-@dataclass(frozen=True)
-class Recursion:
-    """One sample of a linear system: x ← F x + G0 u_before + G1 u_now, then y = C x.
-
-    Attributes
-    ----------
-    F : ndarray, shape (n, n)
-    G0, G1 : ndarray, shape (n, m)
-        Weights of the inputs at the start and at the end of the sample. With a zero-order hold
-        ``G1`` is zero.
-    C : ndarray, shape (p, n)
-    """
-
-    F: Float
-    G0: Float
-    G1: Float
-    C: Float
-
-    def run(self, u: Float, x: Float | None = None) -> tuple[Float, Float]:
-        """Outputs for a whole record sampled at one period.
-
-        Parameters
-        ----------
-        u : ndarray, shape (n_samples, m)
-        x : ndarray, shape (n,), optional
-            State at the first sample, before which nothing is known; rest when absent.
-
-        Returns
-        -------
-        y : ndarray, shape (n_samples, p)
-        x : ndarray, shape (n,)
-            State at the last sample.
-
-        Notes
-        -----
-        The record is cut into blocks. Within a block the recursion is unrolled into two matrix
-        products for all blocks at once; only the states at the block borders are walked through.
-        """
-        x = np.zeros(len(self.F)) if x is None else np.asarray(x, float)
-        if not len(u):
-            return np.empty((0, len(self.C))), x
-        gain, (power, to_state, from_state, to_output) = self._gain, self._unrolled
-        drive = u[:-1] if gain is self.G0 else np.hstack([u[:-1], u[1:]])
-        steps, m = len(drive), gain.shape[1]
-        # The last block is filled up with an input of zero.
-        chunks = np.zeros((-(-steps // BLOCK), BLOCK * m))
-        chunks.reshape(-1, m)[:steps] = drive
-        carried = chunks @ to_state
-        borders = np.empty((len(chunks) + 1, len(x)))
-        borders[0] = x
-        for k, added in enumerate(carried):
-            borders[k + 1] = power @ borders[k] + added
-        inside = borders[:-1] @ from_state + chunks @ to_output
-        y = np.vstack([self.C @ x, inside.reshape(len(chunks) * BLOCK, len(self.C))[:steps]])
-        if not (rest := steps % BLOCK):
-            return y, borders[-1]
-        x = borders[-2]
-        for _ in range(rest):
-            x = self.F @ x
-        return y, x + chunks[-1, : rest * m] @ to_state[(BLOCK - rest) * m :]
-
-    def settled(self, u: Float) -> Float:
-        """The state in which an input that has stood at `u` for ever leaves the system.
-
-        Parameters
-        ----------
-        u : ndarray, shape (m,)
-
-        Returns
-        -------
-        x : ndarray, shape (n,)
-        """
-        still = np.eye(len(self.F)) - self.F
-        return np.asarray(np.linalg.solve(still, (self.G0 + self.G1) @ u))
-
-    @cached_property
-    def _gain(self) -> Float:
-        """Weights of the inputs that act in a sample: of the earlier ones, and of both."""
-        return np.hstack([self.G0, self.G1]) if np.any(self.G1) else self.G0
-
-    @cached_property
-    def _unrolled(self) -> tuple[Float, Float, Float, Float]:
-        """F^BLOCK, and what inputs and first state of a block do to its last state and outputs."""
-        gain, (n, m, p) = self._gain, (len(self.F), self._gain.shape[1], len(self.C))
-        # One sample after the other: powers by squaring lose digits where states differ in scale.
-        reach, seen = np.empty((BLOCK, n, m)), np.empty((BLOCK, p, n))
-        power, reach[0], seen[0] = self.F, gain, self.C @ self.F  # F^k gain, and C F^(k + 1)
-        for k in range(1, BLOCK):
-            reach[k], seen[k] = self.F @ reach[k - 1], seen[k - 1] @ self.F
-            power = power @ self.F
-        markov = np.concatenate([self.C @ reach, np.zeros((1, p, m))])
-        lag = np.arange(BLOCK) - np.arange(BLOCK)[:, None]
-        to_output = markov[np.where(lag < 0, BLOCK, lag)].transpose(0, 3, 1, 2)
-        return (
-            power,
-            reach[::-1].transpose(0, 2, 1).reshape(BLOCK * m, n),
-            seen.transpose(2, 0, 1).reshape(n, BLOCK * p),
-            to_output.reshape(BLOCK * m, BLOCK * p),
-        )
 
 
 @dataclass(frozen=True)

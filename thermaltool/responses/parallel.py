@@ -6,7 +6,8 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from thermaltool.responses.modes import Float, Hold, Modes, Recursion
+from thermaltool.responses.modes import Float, Hold, Modes
+from thermaltool.responses.recursion import Recursion
 
 # From an input to an output, by their places: (output, input, response, or a gain that acts at
 # once).

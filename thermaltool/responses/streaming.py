@@ -12,7 +12,8 @@ from typing import Any
 import numpy as np
 
 from thermaltool.responses.delay import DelayedModes
-from thermaltool.responses.modes import Float, Hold, Modes, Recursion
+from thermaltool.responses.modes import Float, Hold, Modes
+from thermaltool.responses.recursion import Recursion
 from thermaltool.responses.sample_clock import CLOCK_STEP
 
 # Length of a stretch of input [clock steps], and the input at both of its ends.
