@@ -89,9 +89,8 @@ def test_one_of_the_drives_of_a_body_has_a_dead_time():
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("seed", [1, 2, 3])
-def test_a_dead_time_that_a_fast_lag_could_stand_in_for(seed):
-    generator, rows, dt, dead = np.random.default_rng(seed), 1500, 10.0, 2
+def test_a_dead_time_that_a_fast_lag_could_stand_in_for():
+    generator, rows, dt, dead = np.random.default_rng(3), 1500, 10.0, 2
     spindle = np.repeat(generator.choice([0.0, 40.0, 80.0, 120.0], rows // 50), 50)
     feed = np.repeat(generator.choice([0.0, 6.0, 12.0, 20.0], rows // 30), 30)
     late = np.append(np.zeros(dead), spindle[: rows - dead])

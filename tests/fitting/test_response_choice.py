@@ -158,6 +158,20 @@ def test_a_drive_that_does_nothing_is_left_out_and_told(seed):
     assert agreements(model, [log])[OUTPUT].rmse == pytest.approx(0.05, rel=0.1)
 
 
+@pytest.mark.parametrize("seed", [1, 2, 3])
+def test_a_lag_that_a_third_of_a_readings_noise_shows_is_taken(seed):
+    time = 10.0 * np.arange(3000)
+    u = switched(seed, time, 600.0)
+    y = lags(u, (0.05, 0.0008), (1500.0, 150.0))
+    y = y + np.random.default_rng(seed).normal(0, 0.05, len(time))
+    record = Record(time, {HEAT: u, OUTPUT: y})
+    term = calibrate([record], CalibrationPlan((HEAT,), (OUTPUT,), choose=True)).terms[0]
+    assert term.response.kind == "rational2"
+    gains = [term.covariance_names.index(name) for name in term.response.gains]
+    error = np.sqrt(np.sum(term.covariance[np.ix_(gains, gains)]))
+    assert term.response.dc_gain() == pytest.approx(0.0508, abs=3 * error)
+
+
 def test_two_drives_may_have_two_kinds():
     u, v = switched(4), switched(5, block=900.0)
     y = lags(u, [0.05], [200.0]) + lags(v, [0.08, -0.03], [2000.0, 300.0])

@@ -356,6 +356,7 @@ def estimate(
         look_messages,
         period_messages,
         row_message,
+        still_messages,
         stuck_messages,
     )
 
@@ -375,8 +376,9 @@ def estimate(
         warn(sentence)
     for sentence in found.deconvolved.notes if found.deconvolved else ():
         warn(sentence)
-    for sentence in (*stuck_messages(log, need), *period_messages(log, model)):
-        warn(sentence)
+    for says in (stuck_messages(log, need), still_messages(log, need), period_messages(log, model)):
+        for sentence in says:
+            warn(sentence)
     not_at_rest = "is not rest: the state there is estimated"
     if found.initial == "rest":
         not_at_rest = f"{NOT_AT_REST} or free" if smooth else NOT_AT_REST

@@ -70,8 +70,9 @@ def command(
     """Which temperature sensors to keep, by LOGS in which all of them were read.
 
     For 1, 2, 3 … sensors the set that predicts the deflections best is searched, by forward
-    selection and exchange; each log is a duty cycle in which it has to do. The table says what is
-    missed, and what the next sensor gains; and which candidates say the same.
+    selection and exchange (with --criterion among all sets, where these are few); each log is a
+    duty cycle in which it has to do. The table says what is missed, and what the next sensor
+    gains; and which candidates say the same.
 
     A body (one TOML file as for modes) in place of LOGS: where on it sensors belong, each of its
     heats switched at random, slowly and quickly.

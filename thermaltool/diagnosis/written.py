@@ -26,6 +26,9 @@ from thermaltool.signals.detrend import difference_sigma
 
 # The zero of a sensor moves from so many times the RMS of what else is left.
 MIN_ZERO_MOVE = 5.0
+# ... and by no more than this [unit of the sensor], or than it moved in the calibration: two
+# thermocouples of class 2 and their converters differ by less.
+MAX_ZERO_MOVE = 10.0
 # What the fit of an output in a model file says of how it agrees with logs.
 FIT_STATISTICS = ("rmse", "rmse_zero_free", "max_error", "fit_percent", "rows")
 
@@ -156,8 +159,9 @@ def rezeroed(model: Model, logs: Sequence[Record], masked: Mask) -> Model:
     """The model with the zeros that logs have: a sensor's zero is that of the last time.
 
     A zero moves where all logs say so, by more than they differ, and by so much that what else is
-    left is small beside it, and by no more than the outputs of the calibration spread: beyond that
-    it is a sensor that does not measure. What counts from its first readings has none.
+    left is small beside it, and by no more than the outputs of the calibration spread, or some
+    kelvin: beyond that it is a sensor that does not measure. What counts from its first readings
+    has none.
 
     Parameters
     ----------
@@ -175,7 +179,8 @@ def rezeroed(model: Model, logs: Sequence[Record], masked: Mask) -> Model:
             own = [r[k] for r, k in zip(residual, groups.rows, strict=True) if len(k)]
             off = np.array([np.mean(each) for each in own])
             least = max(MIN_ZERO_MOVE * max(float(np.std(each)) for each in own), np.ptp(off))
-            if np.min(np.abs(off)) > least and np.max(np.abs(off)) < np.ptp(o.range):
+            most = max(float(np.ptp(o.range)), MAX_ZERO_MOVE)
+            if np.min(np.abs(off)) > least and np.max(np.abs(off)) < most:
                 o = replace(o, offset=o.offset + float(np.mean(off)))
         outputs.append(o)
     return replace(model, outputs=tuple(outputs))

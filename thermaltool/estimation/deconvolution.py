@@ -156,7 +156,8 @@ def deconvolve(
         told = f"the bounds leave residuals of {ratio:.3g} times the noise"
         if not bounded:
             told = (f"the residuals are {ratio:.3g} times the noise: model and machine have "
-                    "parted, a sensor is wrong, or the noise is larger (--smooth asks which)"
+                    "parted, a sensor is wrong, the noise is larger, or the weight too large "
+                    "(--smooth asks which)"
                     )  # fmt: skip
         found = replace(found, notes=(*found.notes, told))
     return replace(found, residual_over_noise=ratio)

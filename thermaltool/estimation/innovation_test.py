@@ -167,14 +167,14 @@ class InnovationTest:
         if initial == "free" or (initial == "rest" and np.any(not_rest(self._filter, readings))):
             self._free(readings)
 
-    def _free(self, readings: Float) -> bool:
-        """Go on from a reading of a machine that is warm, if any; means and sums stay."""
+    def _free(self, readings: Float, ticks: int = 0) -> bool:
+        """Go on from a reading of a machine that is warm, if any, so much later; means stay."""
         if not self._track.free(readings):
             return False
         if self._gains is not None:
             self._gains.forget_state()
         if self._loss is not None:
-            self._loss.free(readings)
+            self._loss.free(ticks, readings)
         self._blind, self.counted = 0, False
         return True
 
@@ -186,7 +186,7 @@ class InnovationTest:
         ticks : int
         readings : ndarray, shape (n_sensors,)
         """
-        if ticks > MAX_PAUSE * self._period and self._free(readings):
+        if ticks > MAX_PAUSE * self._period and self._free(readings, ticks):
             return
         row = self._track.step(ticks, readings)
         sample, z, dt = row.sample, row.z, ticks * CLOCK_STEP

@@ -75,9 +75,11 @@ class LossTest:
         self._track.start(readings, settled)
         self.value = 0.0
 
-    def free(self, readings: Float) -> None:
-        """Go on from a reading of a machine that is warm; the sum stays."""
-        self._track.free(readings)
+    def free(self, ticks: int, readings: Float) -> None:
+        """Go on from a reading of a warm machine after a pause, over which the sum forgets."""
+        self.value *= math.exp(-ticks * CLOCK_STEP / MEMORY)
+        if not self._track.free(readings):
+            self.value = 0.0
 
     def step(self, ticks: int, readings: Float, model: TrackedRow, counts: bool) -> None:
         """Take a row.

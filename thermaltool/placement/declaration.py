@@ -222,7 +222,7 @@ def _regions(whole: Part, body: SolidBody) -> dict[str, SolidMaterial]:
 def _boundary(body: SolidBody, name: str, place: str, *others: str) -> str:
     """A name that the mesh has."""
     there = (*body.boundaries, *others)
-    if not body.boundaries:
+    if not body.boundaries and name not in there:
         raise ModelError(
             f"{place}: the mesh has no boundary: name its surfaces, as physical groups of Gmsh or "
             "sets of facets, and save them with it"

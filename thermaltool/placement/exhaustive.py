@@ -16,10 +16,11 @@ from numpy.typing import NDArray
 
 from thermaltool.fitting.data import Array
 
-# All sets are compared where there are no more of them: about a second for three duty cycles.
-MAX_SETS = 200_000
-# Sets that are compared at once.
-CHUNK = 10_000
+# All sets are compared where there are no more of them, and no more work in their systems of
+# equations (sets times the cube of their sensors): about a second for three duty cycles.
+MAX_SETS, MAX_WORK = 200_000, 200_000_000
+# Numbers in the matrices of the sets that are compared at once.
+CHUNK = 1_000_000
 
 
 def set_sizes(costs: Array, budget: float) -> range:
@@ -33,7 +34,9 @@ def set_sizes(costs: Array, budget: float) -> range:
     """
     most = int(np.searchsorted(np.cumsum(np.sort(costs)), budget, side="right"))
     sizes = range(1 if np.ptp(costs) else most, most + 1)
-    return sizes if sum(comb(len(costs), size) for size in sizes) <= MAX_SETS else range(0)
+    sets = [comb(len(costs), size) for size in sizes]
+    work = sum(each * size**3 for each, size in zip(sets, sizes, strict=True))
+    return sizes if sum(sets) <= MAX_SETS and work <= MAX_WORK else range(0)
 
 
 def best_set(
@@ -83,5 +86,5 @@ def best_set(
 
 def _chunks(places: Sequence[int], count: int) -> Iterator[NDArray[np.intp]]:
     sets = combinations(places, count)
-    while part := list(islice(sets, CHUNK)):
+    while part := list(islice(sets, max(CHUNK // count**2, 1))):
         yield np.array(part, np.intp)

@@ -136,9 +136,7 @@ def fault_message(log: Log, channels: Container[str] | None = None) -> str | Non
 
 
 def stuck_messages(log: Log, channels: Iterable[str]) -> Iterator[str]:
-    """Where sensors stand still amid readings that move, or all along.
-
-    From the first row on they may, for a while.
+    """Where sensors stand still amid readings that move; from the first row on they may.
 
     Parameters
     ----------
@@ -146,19 +144,33 @@ def stuck_messages(log: Log, channels: Iterable[str]) -> Iterator[str]:
     channels : iterable of str
     """
     from thermaltool.logs.faults import MEASURED
-    from thermaltool.logs.inspect import MIN_FROZEN_ROWS, standstill
+    from thermaltool.logs.inspect import standstill
 
     for name in channels:
         if parse_channel(name).quantity in MEASURED and len(log):
-            column = log.columns[name]
-            if len(log) >= 2 * MIN_FROZEN_ROWS and column.min() == column.max():
-                yield (f"{log.name}: {name}: {column[0]:g} in every row: a sensor that is dead? "
-                       "These rows count")  # fmt: skip
             found = [each for each in standstill(log, name) if each.line != log.line(0)]
             more = f", and {len(found) - 1} times more" if found[1:] else ""
             for each in found[:1]:
                 yield (f"{log.name}:{each.line}: {name}: {each.message}{more}: a sensor that is "
                        "stuck? These rows count")  # fmt: skip
+
+
+def still_messages(log: Log, channels: Iterable[str]) -> Iterator[str]:
+    """Where sensors stand still all along, in a log that is long enough to tell.
+
+    Parameters
+    ----------
+    log : Log
+    channels : iterable of str
+    """
+    from thermaltool.logs.faults import MEASURED
+    from thermaltool.logs.inspect import MIN_FROZEN_ROWS
+
+    for name in channels if len(log) >= 2 * MIN_FROZEN_ROWS else ():
+        column = log.columns[name]
+        if parse_channel(name).quantity in MEASURED and column.min() == column.max():
+            yield (f"{log.name}: {name}: {column[0]:g} in every row: a sensor that is dead? "
+                   "These rows count")  # fmt: skip
 
 
 def jump_messages(log: Log, outputs: Iterable[str], drives: Sequence[str]) -> Iterator[str]:
