@@ -380,7 +380,7 @@ def _design_sets(
     warn: Notice,
 ) -> tuple[SensorSet, ...]:
     from thermaltool.placement.candidates import Candidates
-    from thermaltool.placement.duty_cycles import cycle_of, reading_noise
+    from thermaltool.placement.duty_cycles import cycles_of, reading_noise
     from thermaltool.placement.optimal_design import placed_sets
 
     known = {} if noise is None else {name: n.white for name, n in read_noise(noise).items()}
@@ -391,5 +391,5 @@ def _design_sets(
     for name, cost in (costs or {}).items():
         if name in channels:
             price[list(channels).index(name)] = cost
-    cycles = [cycle_of(log, channels, outputs, sigma) for log in logs]
+    cycles = cycles_of(logs, channels, outputs, sigma, warn)
     return placed_sets(Candidates.of(cycles, sigma, price), channels, most, criterion)

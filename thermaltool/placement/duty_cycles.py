@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 
 import numpy as np
 
@@ -36,6 +36,42 @@ def reading_noise(logs: Sequence[Record], channel: str) -> float:
         quantum = (resolution_step(values) or 0.0) / 12**0.5
         found.append(max(float(difference_sigma(values)), quantum, LEAST_NOISE * np.ptp(values)))
     return max(found)
+
+
+def cycles_of(
+    logs: Sequence[Record],
+    candidates: Sequence[str],
+    outputs: Sequence[str],
+    noise: Array,
+    warn: Callable[[str], None],
+) -> list[DutyCycle]:
+    """States of every log that tells any.
+
+    Parameters
+    ----------
+    logs : sequence of Record
+    candidates, outputs, noise
+        As in `cycle_of`.
+    warn : callable
+        Takes a sentence on each of several logs that is left out.
+
+    Raises
+    ------
+    FitError
+        No log tells any.
+    """
+    cycles: list[DutyCycle] = []
+    why = ""
+    for log in logs:
+        try:
+            cycles.append(cycle_of(log, candidates, outputs, noise))
+        except FitError as error:
+            why = str(error)
+            if len(logs) > 1:
+                warn(f"left out: {why}")
+    if not cycles:
+        raise FitError(why)
+    return cycles
 
 
 def cycle_of(

@@ -59,13 +59,17 @@ class JudgedSet:
 def lag_forms(data: TrainingData) -> tuple[tuple[float, ...], ...]:
     """Time constants that are tried: none, one, two, parts of the longest log with its pauses [s].
 
+    None is faster than two sample periods.
+
     Parameters
     ----------
     data : TrainingData
     """
     begins = {e: data.records[k].time[0] for e, k in data.begins.items()}
     duration = float(max(record.time[-1] - begins[record.origin] for record in data.records))
-    return tuple(tuple(duration / part for part in parts) for parts in LAG_PARTS)
+    least = 2 * max(record.period for record in data.records if len(record) > 1)
+    forms = (tuple(duration / part for part in parts) for parts in LAG_PARTS)
+    return tuple(taus for taus in forms if min(taus, default=least) >= least)
 
 
 def best_time_constants(data: TrainingData, sensors: Sequence[str]) -> tuple[float, ...]:
