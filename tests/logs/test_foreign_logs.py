@@ -26,6 +26,7 @@ from machines.foreign_logs import (
 from thermaltool.cli import group
 from thermaltool.errors import LogError
 from thermaltool.logs import draft_map, read_log
+from thermaltool.logs.draft_clock import guess_clock
 
 
 @pytest.mark.parametrize("quick", [pytest.param(False, marks=pytest.mark.slow), True])
@@ -100,3 +101,13 @@ def test_a_klippy_log_with_stamps_before_its_lines(tmp_path: Path) -> None:
     log.write_text("\n".join(lines))
     found = read_log(str(log), columns={"chamber.temp": "T_chamber_degC"}, strict=False)
     np.testing.assert_array_equal(found.column("T_chamber_degC"), plain.column("T_chamber_degC"))
+
+
+@pytest.mark.parametrize(
+    ("name", "unit"), [("Temps (min)", "min"), ("Durée (s)", "s"), ("tempo [h]", "h")]
+)
+def test_a_clock_has_its_name_in_other_languages(name, unit):
+    columns = {"T_bed": np.array([20.0, 20.5, 21.0]), name: np.array([0.0, 0.5, 1.0])}
+    clock, _ = guess_clock({}, columns)
+    assert (clock.column, clock.unit) == (name, unit)
+    assert guess_clock({}, {"temps_bed": columns["T_bed"]}) is None

@@ -384,8 +384,9 @@ def estimate(
         not_at_rest = f"{NOT_AT_REST} or free" if smooth else NOT_AT_REST
     for column, value in found.not_at_rest.items():
         warn(row_message(log, 0, f"{column}: {value:.4g} at the start {not_at_rest}"))
-    for column, value in found.untold_rest.items():
-        warn(row_message(log, 0, f"{column}: {value:.4g} at the start {UNTOLD_REST}"))
+    for column in found.untold_rest:
+        first = float(log.column(column)[0])
+        warn(row_message(log, 0, f"{column}: {first:.4g} at the start {UNTOLD_REST}"))
     for excursion in found.excursions:
         warn(excursion_message(log, excursion))
     known = "the drives are held or run on"

@@ -25,8 +25,8 @@ class TransportDelay(Effect):
     )
     action: ClassVar[str] = (
         "look at clocks and at the way from {channel} to the machine (pipe, belt, "
-        "controller): it acts {delay} after it is logged; set the clocks, or log what "
-        "arrives"
+        "controller): it acts {delay} later than at the calibration; mend that, or log "
+        "what arrives"
     )
     signature: ClassVar[str] = "the residual follows minus the slope of every output of the drive"
     source: ClassVar[str] = "Ljung 1999, 7.2 (dead time)"

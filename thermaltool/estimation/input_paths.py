@@ -19,6 +19,7 @@ from thermaltool.estimation.permanent_effects import (
 )
 from thermaltool.estimation.variable_cooling import cooling_effects
 from thermaltool.model import Model, Term
+from thermaltool.responses.delay import DelayedModes
 from thermaltool.responses.modes import Modes
 from thermaltool.responses.parallel import InputPath
 from thermaltool.units import hold_of
@@ -153,7 +154,10 @@ class InputPaths:
             for source, known in enumerate(self.known):
                 own = KnownInput(known.channel, known.hold, "drive", term.band)
                 if term.output in targets and term.drive == known.channel and known == own:
-                    paths.append((targets.index(term.output), source, self.response(term)))
+                    modes = self.response(term)
+                    if isinstance(modes, DelayedModes):
+                        modes = replace(modes, period=self.dt)
+                    paths.append((targets.index(term.output), source, modes))
         for effect in self._sources():
             source = self.known.index(_source(effect))
             for k, target in enumerate(targets):

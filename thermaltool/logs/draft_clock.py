@@ -19,7 +19,7 @@ Texts = Sequence[str | None]
 
 _NAMES = re.compile(
     r"time|zeit|date|datum|uhr|stamp|elapsed|epoch|x_value|(^|\.)ts?$|^t_(m?s|min|h)$|^t ?[\[(/]|"
-    r"^x$|params\.1$",
+    r"^x$|params\.1$|^(temps|dur[eé]e|heure|tempo|tiempo|hora|tid|tijd)\b",
     re.IGNORECASE,
 )
 _DATES = (

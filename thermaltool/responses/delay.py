@@ -18,6 +18,9 @@ from thermaltool.responses.modes import Complex, Float, Hold, Modes
 from thermaltool.responses.recursion import Recursion
 from thermaltool.responses.sample_clock import EQUAL_LENGTHS
 
+# A sample is so many periods, where it differs from them by no more than this share of one.
+MAX_JITTER = 0.2
+
 
 @dataclass(frozen=True)
 class DelayedModes(Modes):
@@ -26,9 +29,13 @@ class DelayedModes(Modes):
     Attributes
     ----------
     delay : float [s], above zero
+    period : float [s], optional
+        The sample period on which inputs of the dead time are kept, so that there are as many of
+        them on a clock with gaps and jitter; 0: on that of each sample.
     """
 
     delay: float = 0.0
+    period: float = 0.0
 
     def __post_init__(self) -> None:
         super().__post_init__()
@@ -36,6 +43,8 @@ class DelayedModes(Modes):
             raise ModelError("a response with a delay has no direct feedthrough")
         if not 0 < self.delay < np.inf:
             raise ModelError(f"a delay must be a finite time above zero (delay={self.delay:g})")
+        if not 0 <= self.period < np.inf:
+            raise ModelError(f"a sample period that cannot be {self.period:g} s")
 
     def prompt(self) -> Modes:
         """The same modes without the delay."""
@@ -51,14 +60,24 @@ class DelayedModes(Modes):
         """The recursion with the inputs of the dead time as further states.
 
         States: those of the modes at t_(k−m), then the inputs u_(k−m) ... u_(k−1), and u_k where
-        lines join the samples. Before the first sample the input counts as zero.
+        lines join the samples. Before the first sample the input counts as zero. A sample of
+        several periods is as many steps: exact over whole ones, near where a clock jitters.
 
         Parameters
         ----------
         dt : float [s]
         hold : "zero" or "first"
         """
-        samples, ahead = _parts(self.delay, dt)
+        steps = round(dt / self.period) if self.period else 0
+        if steps and abs(dt / self.period - steps) <= MAX_JITTER:
+            samples = _samples(self.delay, self.period)
+            return _repeated(self._over(dt / steps, samples, hold), steps, hold)
+        return self._over(dt, _samples(self.delay, dt), hold)
+
+    def _over(self, dt: float, samples: int, hold: Hold) -> Recursion:
+        """The recursion over one step that keeps the inputs of so many."""
+        ahead = samples * dt - self.delay
+        ahead = 0.0 if abs(ahead) < EQUAL_LENGTHS * dt else ahead
         inner, to_come = self.prompt().discretize(dt, hold), _shifted(self.prompt(), ahead)
         seen = to_come.discretize(dt, hold).C[0]
         d0, d1 = _within(self.prompt(), ahead, dt, hold)
@@ -99,8 +118,9 @@ class DelayedModes(Modes):
         return self.prompt().at(time, u, hold, moments - self.delay)
 
     def document(self) -> dict[str, Any]:
-        """As JSON: the lists of the modes, and ``delay`` [s]."""
-        return {**self.prompt().document(), "delay": self.delay}
+        """As JSON: the lists of the modes, ``delay`` [s] and, if there is one, ``period`` [s]."""
+        period = {"period": self.period} if self.period else {}
+        return {**self.prompt().document(), "delay": self.delay, **period}
 
 
 def load_modes(document: dict[str, Any]) -> Modes:
@@ -111,17 +131,31 @@ def load_modes(document: dict[str, Any]) -> Modes:
     document : dict
         As `Modes.document` gives it.
     """
-    lists = {name: values for name, values in document.items() if name != "delay"}
+    lists = {k: values for k, values in document.items() if k not in ("delay", "period")}
     modes = Modes.from_document(lists)
     if "delay" not in document:
         return modes
-    return DelayedModes(modes.poles, modes.weights, modes.double, float(document["delay"]))
+    times = (float(document["delay"]), float(document.get("period", 0.0)))
+    return DelayedModes(modes.poles, modes.weights, modes.double, *times)
 
 
-def _parts(delay: float, dt: float) -> tuple[int, float]:
-    """L = m·dt − h: (m, h); a rest below the resolution of a clock is none."""
-    samples = max(1, math.ceil(delay / dt - EQUAL_LENGTHS))
-    return samples, max(0.0, samples * dt - delay)
+def _repeated(one: Recursion, steps: int, hold: Hold) -> Recursion:
+    """One recursion so many times over, with the input between as it is held."""
+    if steps == 1:
+        return one
+    n = len(one.F)
+    # Beside the state the input, and by how much it moves in a step.
+    whole = np.eye(n + 2)
+    whole[:n, :n], whole[:n, n], whole[:n, n + 1] = one.F, (one.G0 + one.G1)[:, 0], one.G1[:, 0]
+    whole[n, n + 1] = 1.0
+    power = np.linalg.matrix_power(whole, steps)
+    moves = power[:n, n + 1 :] / steps if hold == "first" else np.zeros((n, 1))
+    return Recursion(power[:n, :n], power[:n, n : n + 1] - moves, moves, one.C)
+
+
+def _samples(delay: float, dt: float) -> int:
+    """Samples that hold a delay; a rest below the resolution of a clock takes no further one."""
+    return max(1, math.ceil(delay / dt - EQUAL_LENGTHS))
 
 
 def _shifted(modes: Modes, ahead: float) -> Modes:
@@ -136,7 +170,7 @@ def _shifted(modes: Modes, ahead: float) -> Modes:
 
 def _within(modes: Modes, ahead: float, dt: float, hold: Hold) -> tuple[float, float]:
     """What the inputs at both ends of a sample add to the output at `ahead` into it."""
-    if not ahead:
+    if ahead <= 0:
         return 0.0, 0.0
     whole = float(modes.step(np.array(ahead)))
     if hold == "zero":
