@@ -32,5 +32,7 @@ def test_what_acts_late_is_followed_over_lost_rows_and_jitter(hold, delay):
     even = time < 4000
     assert found[even] == pytest.approx(exact[even], abs=1e-9)
     assert found == pytest.approx(exact, abs=1e-2 * np.ptp(exact))
+    # Any longer pause, of no whole number of periods.
+    assert len(estimator.recursion(1237.0).F) == len(estimator.recursion(15.0).F)
     again = load_estimator(estimator.document())
     assert again.run(time, level[:, None])[:, 0] == pytest.approx(found, abs=1e-12)

@@ -18,7 +18,7 @@ from thermaltool.responses.modes import Complex, Float, Hold, Modes
 from thermaltool.responses.recursion import Recursion
 from thermaltool.responses.sample_clock import EQUAL_LENGTHS
 
-# A sample is so many periods, where it differs from them by no more than this share of one.
+# A sample is a number of steps where each is a period to this share.
 MAX_JITTER = 0.2
 
 
@@ -68,8 +68,10 @@ class DelayedModes(Modes):
         dt : float [s]
         hold : "zero" or "first"
         """
-        steps = round(dt / self.period) if self.period else 0
-        if steps and abs(dt / self.period - steps) <= MAX_JITTER:
+        ratio = dt / self.period if self.period else 0.0
+        nearest = {max(math.floor(ratio), 1), max(math.ceil(ratio), 1)}
+        steps = min(nearest, key=lambda k: abs(ratio / k - 1))
+        if abs(ratio / steps - 1) <= MAX_JITTER:
             samples = _samples(self.delay, self.period)
             return _repeated(self._over(dt / steps, samples, hold), steps, hold)
         return self._over(dt, _samples(self.delay, dt), hold)
