@@ -103,3 +103,32 @@ def test_it_goes_on_after_a_restart():
     assert whole.state()[-1]["loss"][0] > loss_test.MIN_LIKELIER
     with pytest.raises(ValueError, match="not a state of this test"):
         kept.resume([each for each in state if not isinstance(each, dict)])
+
+
+def sum_of(test):
+    parts = [each for each in test.state() if isinstance(each, dict) and "loss" in each]
+    return parts[0]["loss"][0] if parts else 0.0
+
+
+def summed(more, seed):
+    test = InnovationTest(estimator(), DT, MODEL_ERROR, GAIN_ERROR, [LEVEL])
+    y = readings(more, seed)
+    test.start(y[0], "free")
+    largest = 0.0
+    for row in y[1:]:
+        test.step(round(DT / CLOCK_STEP), row)
+        largest = max(largest, sum_of(test))
+    return test, y[-1], largest
+
+
+def test_the_sum_of_a_loss_that_a_calibration_may_miss_is_no_alarm():
+    _, _, largest = summed(1.1, 11)
+    assert 10 < largest < 20 < loss_test.MIN_LIKELIER
+
+
+def test_the_sum_forgets_over_a_pause():
+    test, last, _ = summed(1.2, 11)
+    before = sum_of(test)
+    test.step(round(loss_test.MEMORY / CLOCK_STEP), last)
+    assert sum_of(test) == pytest.approx(before / np.e)
+    assert before > loss_test.MIN_LIKELIER
