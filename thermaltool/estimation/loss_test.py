@@ -77,7 +77,7 @@ class LossTest:
 
     def free(self, ticks: int, readings: Float) -> None:
         """Go on from a reading of a warm machine after a pause, over which the sum forgets."""
-        self.value *= math.exp(-ticks * CLOCK_STEP / MEMORY)
+        self._forget(ticks)
         if not self._track.free(readings):
             self.value = 0.0
 
@@ -94,10 +94,13 @@ class LossTest:
             Whether this row may say something.
         """
         row = self._track.step(ticks, readings)
-        self.value *= math.exp(-ticks * CLOCK_STEP / MEMORY)
+        self._forget(ticks)
         if counts and row.counts:
             value = self.value + row.log_density - model.log_density
             self.value = min(max(value, 0.0), MOST * MIN_LIKELIER)
+
+    def _forget(self, ticks: int) -> None:
+        self.value *= math.exp(-ticks * CLOCK_STEP / MEMORY)
 
     def state(self) -> list[Any]:
         """For `resume`, as JSON."""

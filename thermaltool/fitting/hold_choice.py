@@ -13,8 +13,8 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from thermaltool.fitting.projection import GridStates
-from thermaltool.fitting.response_choice import DECISIVE
 from thermaltool.fitting.response_search import FittedKinds, KindSearch
+from thermaltool.fitting.sound_kinds import DECISIVE
 from thermaltool.model import Drive
 from thermaltool.record import Record
 from thermaltool.responses.modes import Float

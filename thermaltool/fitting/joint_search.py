@@ -18,8 +18,8 @@ from numpy.typing import NDArray
 from thermaltool.effects.dynamics import from_rest, lagged, time_constants
 from thermaltool.effects.joint_contact import JointContact
 from thermaltool.fitting.projection import linear_least_squares
-from thermaltool.fitting.response_choice import DECISIVE
 from thermaltool.fitting.response_search import independent_rows
+from thermaltool.fitting.sound_kinds import DECISIVE
 from thermaltool.model import Drive, relative
 from thermaltool.record import Record
 from thermaltool.responses.modes import Float

@@ -18,8 +18,8 @@ from thermaltool.fitting.calibrate import as_simulated, calibrate, extent
 from thermaltool.fitting.calibration_plan import CalibrationPlan
 from thermaltool.fitting.joint_levels import reference_logs
 from thermaltool.fitting.joint_search import JointSearch
-from thermaltool.fitting.response_choice import DECISIVE
 from thermaltool.fitting.seen_changes import with_seen_changes
+from thermaltool.fitting.sound_kinds import DECISIVE
 from thermaltool.model import Drive, Model, Output, relative
 from thermaltool.model.rest import rest_level
 from thermaltool.record import Record

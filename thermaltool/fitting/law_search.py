@@ -12,8 +12,8 @@ from thermaltool.effects.effect import Effect
 from thermaltool.fitting.hold_choice import ChosenKinds
 from thermaltool.fitting.laws import Law, LawName, acting_records
 from thermaltool.fitting.projection import GridStates
-from thermaltool.fitting.response_choice import DECISIVE
 from thermaltool.fitting.response_search import FittedKinds, KindSearch
+from thermaltool.fitting.sound_kinds import DECISIVE
 from thermaltool.model import Drive
 from thermaltool.record import Record
 from thermaltool.responses.modes import Float

@@ -255,8 +255,8 @@ class _Judgement:
 
     def _held_out(self, each: FittedKinds, others: Sequence[FittedKinds]) -> str:
         """Why a candidate is out by rows held out; empty where it is not."""
+        blocks = np.arange(len(each.residual)) * BLOCKS // len(each.residual)
         for other in others:
-            blocks = np.arange(len(other.held_out)) * BLOCKS // len(other.held_out)
             worse = np.bincount(blocks, each.held_out**2 - other.held_out**2)
             sure = float(np.sum(worse)) > SURE * float(np.std(worse)) * np.sqrt(len(worse))
             if sure and self._counts(each, other, each.held_out, other.held_out):

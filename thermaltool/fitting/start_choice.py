@@ -16,8 +16,8 @@ from thermaltool.fitting.averaging import row_noise
 from thermaltool.fitting.discrepancy import calibration_error
 from thermaltool.fitting.hold_choice import ChosenKinds
 from thermaltool.fitting.laws import acting_records
-from thermaltool.fitting.response_choice import DECISIVE
 from thermaltool.fitting.response_search import KindSearch
+from thermaltool.fitting.sound_kinds import DECISIVE
 from thermaltool.fitting.start_state import stands_still
 from thermaltool.model import Drive, Model, characteristics, relative
 from thermaltool.record import Record

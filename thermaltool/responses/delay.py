@@ -68,12 +68,13 @@ class DelayedModes(Modes):
         dt : float [s]
         hold : "zero" or "first"
         """
-        ratio = dt / self.period if self.period else 0.0
-        nearest = {max(math.floor(ratio), 1), max(math.ceil(ratio), 1)}
-        steps = min(nearest, key=lambda k: abs(ratio / k - 1))
-        if abs(ratio / steps - 1) <= MAX_JITTER:
-            samples = _samples(self.delay, self.period)
-            return _repeated(self._over(dt / steps, samples, hold), steps, hold)
+        if self.period:
+            ratio = dt / self.period
+            nearest = {max(math.floor(ratio), 1), math.ceil(ratio)}
+            steps = min(nearest, key=lambda k: abs(ratio / k - 1))
+            if abs(ratio / steps - 1) <= MAX_JITTER:
+                samples = _samples(self.delay, self.period)
+                return _repeated(self._over(dt / steps, samples, hold), steps, hold)
         return self._over(dt, _samples(self.delay, dt), hold)
 
     def _over(self, dt: float, samples: int, hold: Hold) -> Recursion:
