@@ -12,10 +12,11 @@ import pytest
 import thermaltool as tt
 from thermaltool.control.actuation import DEVIATION, PATIENCE, Actuation
 from thermaltool.control.controller import load_controller
-from thermaltool.control.design import ControlPlan, design_controller, least_heats
+from thermaltool.control.design import ControlPlan, design_controller
 from thermaltool.control.law_choice import law_of, linear_estimator
 from thermaltool.control.methods import METHODS
 from thermaltool.control.receding import MAX_FAILURES, Program, shortened, stretch_ends
+from thermaltool.control.trial import least_heats
 from thermaltool.errors import FitError, ModelError
 from thermaltool.model import Drive, Model, Output, Term
 from thermaltool.record import Record

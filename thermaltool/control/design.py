@@ -7,20 +7,16 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 
 import numpy as np
-from scipy.optimize import nnls
 
 from thermaltool.control.controller import ControlDrive, HeaterController
 from thermaltool.control.heaters import powers
-from thermaltool.control.law_choice import disturbance_levels, law_of, linear_estimator
-from thermaltool.control.laws import AT_LIMIT
+from thermaltool.control.law_choice import linear_estimator
 from thermaltool.control.methods import Method
 from thermaltool.control.prediction import ControlPrediction
-from thermaltool.control.receding import beyond
+from thermaltool.control.trial import TRIAL_SAMPLES, ControlTrial, tried_step
 from thermaltool.documents import finite
 from thermaltool.errors import ModelError
 from thermaltool.model import Model
-from thermaltool.responses.modes import Float
-from thermaltool.status import SATURATED
 from thermaltool.units import parse_channel
 
 # Without a tolerance of the user's: this part of the largest range that the calibration has seen of
@@ -30,8 +26,6 @@ TOLERANCE = 0.01
 LEAD_PERIODS = 2
 # Usual rate of a setpoint [unit of the drive per s].
 USUAL_SLEW = 10.0
-# Samples of a trial at the most.
-TRIAL_SAMPLES = 400
 # Outputs that one more singular value below this part of the largest cannot tell apart.
 INDEPENDENT = 1e-3
 
@@ -65,38 +59,6 @@ class ControlPlan:
     lead: float | None = None
     duration: float | None = None
     axes: Mapping[str, float] = field(default_factory=dict)
-
-
-@dataclass(frozen=True)
-class ControlTrial:
-    """A step of one disturbance on the model, known at once.
-
-    Attributes
-    ----------
-    disturbance : str
-    level : float [unit of the disturbance]
-    time : ndarray, shape (n,) [s]
-    free, held : mapping of output to ndarray, shape (n,)
-        Outputs without control, and with it, less what an axis corrects.
-    heats : mapping of drive to ndarray, shape (n,)
-        Held since the moment before.
-    at_limit : float
-        Share of the time in which the law asks for more or less than there is.
-    asked : mapping of drive to (float, float) [unit of the drive, s]
-        The least that is asked for where there are no limits, and when.
-    needs : str
-        What would help where heat is asked to be taken away; empty where it is not.
-    """
-
-    disturbance: str
-    level: float
-    time: Float
-    free: Mapping[str, Float]
-    held: Mapping[str, Float]
-    heats: Mapping[str, Float]
-    at_limit: float
-    asked: Mapping[str, tuple[float, float]]
-    needs: str = ""
 
 
 @dataclass(frozen=True)
@@ -182,7 +144,7 @@ def tried(controller: HeaterController) -> ControlDesign:
     prediction = ControlPrediction(estimator, controller.channels, tuple(controller.tolerance))
     length = controller.duration or controller.horizon
     trials = tuple(
-        _trial(controller, prediction, k, length) for k in range(len(prediction.disturbances))
+        tried_step(controller, prediction, k, length) for k in range(len(prediction.disturbances))
     )
     return ControlDesign(controller, trials, _dependent(prediction, controller, length))
 
@@ -287,99 +249,6 @@ def _usual_tolerances(model: Model, outputs: Sequence[str]) -> dict[str, float]:
         channel: TOLERANCE * max(spans[each] for each in outputs if units[each] == units[channel])
         for channel in outputs
     }
-
-
-def _trial(
-    controller: HeaterController, prediction: ControlPrediction, disturbance: int, duration: float
-) -> ControlTrial:
-    """A step of one disturbance over `duration` [s], by a law that knows it at once."""
-    levels = np.array(disturbance_levels(controller.model, prediction))
-    start = prediction.held(np.where(np.arange(len(levels)) == disturbance, levels, 0.0))
-    dt = max(controller.period, duration / TRIAL_SAMPLES)
-    time = np.arange(max(round(duration / dt), 1) + 1, dtype=float) * dt
-
-    def course(limited: bool) -> tuple[Float, Float, Float, float]:
-        """Outputs, heats, what is asked for, and the share of samples at a limit."""
-        law = law_of(controller, prediction.estimator)
-        (A, B), z = prediction.transition(dt), start
-        outputs, heats, asked, saturated = [prediction.readout @ z], [], [], 0
-        given = np.zeros(len(controller.drives))
-        for moment in time[:-1]:
-            decision = law.decide(z, dt, float(moment), given)
-            given = decision.powers if limited else decision.asked
-            z = A @ z + B @ given
-            outputs.append(prediction.readout @ z)
-            heats.append(given)
-            asked.append(decision.asked)
-            saturated += decision.status == SATURATED
-        return np.array(outputs), np.array(heats), np.array(asked), saturated / len(asked)
-
-    held, heats, _, at_limit = course(limited=True)
-    # Without limits the law shows what it would have of the heaters.
-    asked = course(limited=False)[2]
-    free = np.array([prediction.free(float(moment)) @ start for moment in time])
-    held = beyond(held, np.array([controller.axes.get(each, 0.0) for each in controller.tolerance]))
-    least, worst = asked.min(axis=0), asked.argmin(axis=0)
-    shares = least / [drive.maximum for drive in controller.drives]
-    needs = ""
-    if np.any(shares < -AT_LIMIT):
-        at = int(worst[np.argmin(shares)]) + 1
-        needs = _missing_heater(prediction, free[at], float(time[at]), controller)
-    outputs, channels = tuple(controller.tolerance), controller.channels
-    return ControlTrial(
-        prediction.disturbances[disturbance],
-        float(levels[disturbance]),
-        time,
-        dict(zip(outputs, free.T, strict=True)),
-        dict(zip(outputs, held.T, strict=True)),
-        {name: np.append(0.0, heat) for name, heat in zip(channels, heats.T, strict=True)},
-        at_limit,
-        {
-            channel: (float(least[k]), float(time[worst[k]]))
-            for k, channel in enumerate(channels)
-        },
-        needs,
-    )  # fmt: skip
-
-
-def _missing_heater(
-    prediction: ControlPrediction, free: Float, time: float, controller: HeaterController
-) -> str:
-    """Where heat is asked to be taken away: the heater that is missing, and outputs to leave.
-
-    The deflections `free` are to be cancelled by heats that have been on since the step. What heats
-    above zero leave of them is the direction in which no heater bends.
-    """
-    scale = np.array(list(controller.tolerance.values()))
-    steps = prediction.steps(np.array(time)) / scale[:, None]
-    rest = free / scale + steps @ least_heats(steps, -free / scale)
-    outputs, sentences = tuple(controller.tolerance), []
-    if np.abs(rest).max() > 1:
-        moved = ", ".join(
-            f"{channel} by {-value * size:+.0f}"
-            for channel, value, size in zip(outputs, rest, scale, strict=True)
-            if abs(value) > 1
-        )
-        sentences.append(f"a heater that moves {moved} [unit of the output] would hold it")
-    alone = [
-        channel
-        for k, channel in enumerate(outputs)
-        if len(outputs) > 1 and np.any(steps[k] * free[k] < 0)
-    ]
-    if alone:
-        sentences.append(f"{' or '.join(alone)} alone (--hold) needs none")
-    return "; ".join(sentences)
-
-
-def least_heats(steps: Float, wanted: Float) -> Float:
-    """The heats above zero that come nearest to wanted outputs: min ‖S u − w‖ over u ≥ 0.
-
-    Parameters
-    ----------
-    steps : ndarray, shape (m, n)
-    wanted : ndarray, shape (m,)
-    """
-    return np.asarray(nnls(steps, wanted)[0])
 
 
 def _dependent(

@@ -7,7 +7,8 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from thermaltool.control.design import ControlDesign, ControlTrial
+from thermaltool.control.design import ControlDesign
+from thermaltool.control.trial import ControlTrial
 from thermaltool.report.style import (
     COMPUTED,
     ERROR,
