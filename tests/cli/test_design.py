@@ -91,6 +91,10 @@ def test_errors_are_one_line_and_heaters_are_off(paths, thermaltool):
         result = compensate(paths / "c.json", paths / "log.csv", *more)
         assert result.returncode == 2
         assert f"{more[0]} is in the controller" in result.stderr
+    # A step beyond full power would leave the heater off for good.
+    result = compensate(paths / "c.json", paths / "log.csv", "--step", "100")
+    assert result.returncode == 2
+    assert "between 0 and 60 the step 100 has nothing but 0" in result.stderr
     for more, said in (
         (("--control", "Q_pda_W"), "is not a drive"),
         (("--control", f"{PAD}:-1"), "no power between"),

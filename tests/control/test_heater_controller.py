@@ -20,6 +20,7 @@ from thermaltool.control.trial import least_heats
 from thermaltool.errors import FitError, ModelError
 from thermaltool.model import Drive, Model, Output, Term
 from thermaltool.record import Record
+from thermaltool.report.control import control_notes
 from thermaltool.responses.rational import Rational1, Rational2
 from thermaltool.runtime.compensation import controlled_heaters
 from thermaltool.runtime.messages import Messages
@@ -99,7 +100,8 @@ class Plant:
 
 
 def closed_loop(control, level, duration, *, steps=None, fault=None, plant=None, missing=None,
-                noise=0.01, process=None, said=None, back=np.inf):  # fmt: skip
+                noise=0.01, process=None, said=None, back=np.inf,
+                read=lambda power: power):  # fmt: skip
     """Deflections, setpoints and status of every line."""
     rng, plant = np.random.default_rng(8), plant or Plant()
     said = [] if said is None else said
@@ -114,7 +116,7 @@ def closed_loop(control, level, duration, *, steps=None, fault=None, plant=None,
             plant.advance({MAIN: level, A: power[0], B: power[1]}, dt)
             time += dt
         values = {PROBE: plant.read(PROBE) + noise * rng.standard_normal()}
-        values |= {A: power[0], B: power[1]}
+        values |= {A: read(power[0]), B: read(power[1])}
         gone = missing if missing and 200 < time < back else ""
         row = [np.nan if name == gone else values[name] for name in process.columns]
         _, reply = process.take(Row(time, row, [""] * len(row)))
@@ -332,6 +334,61 @@ def test_what_is_foretold_is_what_a_quiet_sensor_reads(model):
     np.testing.assert_allclose(blind, read, atol=0.05)
 
 
+def test_a_meter_that_answers_a_sample_late_is_no_heater_that_fails():
+    rng = np.random.default_rng(3)
+    actuation, before, trims = Actuation(np.array([FULL]), DT), 0.0, []
+    for given in 50 + 12 * rng.standard_normal(300):
+        assert actuation.take(DT, np.array([given]), [before]) == []
+        before = given
+        trims.append(actuation.trim[0])
+    assert np.abs(trims[30:]).max() < 0.01
+    # One that gives a tenth less than it is set to is still told from it.
+    for given in 50 + 12 * rng.standard_normal(300):
+        actuation.take(DT, np.array([given]), [0.9 * before])
+        before = given
+    assert actuation.trim[0] == pytest.approx(5, abs=2)
+    for _ in range(2 * PATIENCE):
+        actuation.take(DT, np.array([80.0]), [20.0])
+    assert actuation.stuck[0]
+
+
+def test_a_power_that_is_held_counts_as_it_is_set(model):
+    # The heaters rise from zero while the power is not read: the last reading says nothing.
+    control = controller(model)
+    settings = Settings(slew=None, step=0.0, estimates=True, status=True)
+    said = []
+    process = controlled_heaters(control, settings, Messages(said.append, "log"))
+    given, plant = np.zeros(2), Plant()
+    for k in range(9):
+        if k:
+            plant.advance({MAIN: 80.0, A: given[0], B: given[1]}, DT)
+        values = {PROBE: plant.read(PROBE), A: given[0] if k < 2 else np.nan, B: given[1]}
+        row = [values[name] for name in process.columns]
+        _, reply = process.take(Row(DT * k, row, [""] * len(row)))
+        given = np.array(reply[:2])
+    assert given[0] > DEVIATION * FULL
+    assert not any("does not follow" in line for line in said)
+
+
+def test_a_meter_of_the_wrong_sign_does_not_count():
+    _, powers, states, said, _ = closed_loop(
+        controller(designed(machine())), 40.0, 600.0, read=lambda power: -power
+    )
+    right = closed_loop(controller(designed(machine())), 40.0, 600.0)[1]
+    np.testing.assert_allclose(powers[-10:], right[-10:], atol=5)
+    assert states[-1] == "reduced"
+    assert any("Q_a_W: out of range: -" in line for line in said)
+
+
+def test_no_heater_that_follows_is_told_as_what_is_done(model):
+    _, powers, _, said, _ = closed_loop(
+        controller(model), 40.0, 300.0, read=lambda power: power / 1000
+    )
+    assert any("0.0" in line and "measured (is it in kW?)" in line for line in said)
+    assert any("no heater is left: what gives too little is tried with 25%" in s for s in said)
+    np.testing.assert_allclose(powers[-1], FULL / 4)
+
+
 def test_what_is_delivered_too_little_is_added():
     heaters, given = Actuation(np.array([100.0]), DT), 50.0
     for _ in range(60):
@@ -390,6 +447,47 @@ def test_the_inversion_says_where_it_asks_for_negative_heat(model):
     assert "a heater that moves" in trial.needs
 
 
+def test_heaters_that_bend_the_same_way_as_the_step_are_told():
+    turned = {
+        (drive, output): [(k if drive == MAIN or output == PROBE else -k, tau) for k, tau in lags]
+        for (drive, output), lags in PATHS.items()
+    }
+    plan = ControlPlan([(A, FULL), (B, FULL)], slew=100.0)
+    design = design_controller(designed(machine(turned)), plan)
+    assert design.trials[0].holds_nothing
+    (note,) = control_notes(design)
+    assert note.startswith("nothing of a step of Q_main_W is held by Q_a_W, Q_b_W: a heater that")
+    assert not control_notes(design_controller(designed(machine()), plan))
+
+
+def test_a_limit_beyond_the_calibration_is_told(model):
+    design = design_controller(model, ControlPlan([(A, 3 * FULL), (B, FULL)]))
+    assert "Q_a_W: what more than 100 does is extrapolated" in design.notes[0]
+    assert not design_controller(model, ControlPlan([(A, FULL), (B, FULL)])).notes
+
+
+@pytest.mark.parametrize("output", [X, Y])
+def test_weights_of_states_are_no_lack_of_a_heater(model, output):
+    # Held alone it asks for negative heat as well, so that --hold is no advice.
+    plan = ControlPlan([(A, FULL), (B, FULL)], "state-lqr", outputs=[output])
+    alone = design_controller(model, plan).trials[0]
+    assert min(power for power, _ in alone.asked.values()) < 0
+    together = design_controller(model, replace(plan, outputs=())).trials[0]
+    for trial in (alone, together):
+        assert trial.needs == "the other methods need none"
+
+
+def test_what_is_held_within_the_slew_rate_is_what_is_told(model):
+    def held(slew):
+        plan = ControlPlan([(A, FULL), (B, FULL)], "output-lqr", slew=slew)
+        return design_controller(model, plan).trials[0]
+
+    slow, quick = held(0.05), held(100.0)
+    heats = np.column_stack(list(slow.heats.values()))
+    assert np.diff(heats, axis=0).max() <= 0.05 * DT + 1e-9
+    assert np.ptp(slow.held[X]) > 5 * np.ptp(quick.held[X])
+
+
 def test_what_cannot_be_is_refused_in_a_line(model):
     def refused(paths, plan):
         with pytest.raises(ModelError) as found:
@@ -416,6 +514,10 @@ def test_what_cannot_be_is_refused_in_a_line(model):
     faint = {**idle, (B, X): [(1e-4, 200.0)], (B, Y): [(1e-3, 200.0)]}
     assert "Q_b_W acts on none of d_x_um, d_y_um: full" in refused(faint, ControlPlan(both))
     assert "power of Q_main_W is not measured" in refused(PATHS, ControlPlan([(MAIN, 9.0)]))
+    said = refused(PATHS, ControlPlan(both, slew=1e-9))
+    assert "d_x_um cannot be controlled: what the slew rate allows of Q_a_W, Q_b_W moves" in said
+    assert "is it in mW?" in refused(PATHS, ControlPlan([(A, 1000 * FULL), (B, FULL)]))
+    assert "is it in kW?" in refused(PATHS, ControlPlan([(A, FULL / 1000), (B, FULL)]))
     one = design_controller(model, ControlPlan([(A, FULL)]))
     assert "together: not all of them can be held" in one.notes[0]
     assert replace(one.controller, duration=100.0).document()["duration_s"] == 100.0

@@ -15,6 +15,8 @@ from thermaltool.responses.modes import Float
 DEVIATION, PATIENCE = 0.1, 3
 # The integral of the error is taken back over so many sample periods.
 INTEGRAL_PERIODS = 5.0
+# Whether a meter answers late is told from about so many samples.
+MISSES = 10
 # It never moves a setpoint by more than this part of full power.
 LARGEST_TRIM = 0.2
 # A heater that delivers less than is set is tried with this part of full power until it follows:
@@ -39,11 +41,14 @@ class Actuation:
     maxima: Float
     period: float
     _off: Float = field(init=False)
+    _before: Float = field(init=False)
+    # Mean square error of the power beside the setpoint of its sample, and of the one before.
+    _misses: Float = field(init=False)
 
     def __post_init__(self) -> None:
         n = len(self.maxima)
         self.stuck, self.trim = np.zeros(n, bool), np.zeros(n)
-        self._off = np.zeros(n, int)
+        self._off, self._before, self._misses = np.zeros(n, int), np.zeros(n), np.zeros((n, 2))
 
     def take(self, dt: float, given: Float, measured: Sequence[float | None]) -> list[int]:
         """A sample of `dt` [s]; heaters that have begun to follow, or ceased to.
@@ -56,13 +61,18 @@ class Actuation:
         measured : sequence of float or None
             Mean power during it; None where it is not known.
         """
-        changed = []
+        changed, before = [], self._before
+        self._before = np.array(given, float)
         for k, power in enumerate(measured):
             if power is None:
                 self.trim[k] = 0.0
                 continue
-            error = given[k] - power
-            differs = abs(error) > DEVIATION * self.maxima[k]
+            # A meter may answer a sample late: then it shows the setpoint before.
+            errors = np.array([given[k], before[k]]) - power
+            self._misses[k] += (errors**2 - self._misses[k]) / MISSES
+            error = errors[np.argmin(self._misses[k])]
+            between = errors[0] * errors[1] < 0
+            differs = not between and np.abs(errors).min() > DEVIATION * self.maxima[k]
             self._off[k] = self._off[k] + 1 if differs != self.stuck[k] else 0
             if self._off[k] >= PATIENCE:
                 self.stuck[k], self._off[k] = differs, 0

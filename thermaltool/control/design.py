@@ -16,7 +16,8 @@ from thermaltool.control.prediction import ControlPrediction
 from thermaltool.control.trial import TRIAL_SAMPLES, ControlTrial, tried_step
 from thermaltool.documents import finite
 from thermaltool.errors import ModelError
-from thermaltool.model import Model
+from thermaltool.model import MARGIN, Model
+from thermaltool.model.validity import thousandth
 from thermaltool.units import parse_channel
 
 # Without a tolerance of the user's: this part of the largest range that the calibration has seen of
@@ -70,7 +71,7 @@ class ControlDesign:
     controller : HeaterController
     trials : tuple of ControlTrial
     notes : tuple of str
-        Outputs that the drives cannot hold apart.
+        Limits beyond the calibration, and outputs that the drives cannot hold apart.
     """
 
     controller: HeaterController
@@ -146,7 +147,8 @@ def tried(controller: HeaterController) -> ControlDesign:
     trials = tuple(
         tried_step(controller, prediction, k, length) for k in range(len(prediction.disturbances))
     )
-    return ControlDesign(controller, trials, _dependent(prediction, controller, length))
+    notes = _beyond_calibration(controller.model, controller.drives)
+    return ControlDesign(controller, trials, (*notes, *_dependent(prediction, controller, length)))
 
 
 def _outputs(model: Model, plan: ControlPlan) -> tuple[str, ...]:
@@ -178,7 +180,25 @@ def _control_drive(model: Model, channel: str, top: float | None, slew: float) -
     if not 0 < slew < math.inf:
         raise ModelError(f"a slew rate cannot be {slew:g}")
     limits = (-math.inf, math.inf if top is None else top)
-    return ControlDrive(channel, powers(model, channel, limits)[1], slew)
+    maximum, seen = powers(model, channel, limits)[1], max(map(abs, drives[channel].range))
+    suspect = thousandth(channel, maximum, seen)
+    if suspect is not None:
+        raise ModelError(
+            f"{channel}: {maximum:g} is about a thousand times as much or as little as the "
+            f"calibration has seen, {seen:g}: is it in {suspect.unit}?"
+        )
+    return ControlDrive(channel, maximum, slew)
+
+
+def _beyond_calibration(model: Model, drives: Sequence[ControlDrive]) -> tuple[str, ...]:
+    """A note for each drive that may be set where no calibration has been."""
+    ranges = {drive.channel: drive.range for drive in model.drives}
+    return tuple(
+        f"{drive.channel}: what more than {ranges[drive.channel][1]:g} does is extrapolated: the "
+        f"calibration has seen no more, and {drive.maximum:g} may be set"
+        for drive in drives
+        if drive.maximum > (1 + MARGIN) * ranges[drive.channel][1]
+    )
 
 
 def _check_axes(plan: ControlPlan, outputs: Sequence[str]) -> None:
@@ -214,24 +234,29 @@ def _check_reach(
 ) -> None:
     """Refuse drives and outputs between which a calibration has found next to nothing.
 
-    Full power is to move an output by the `least` that matters at some moment of the plan.
+    Full power, or what the slew rate allows, is to move an output by the `least` that matters at
+    some moment of the plan.
     """
     time = plan.duration or plan.horizon or prediction.slowest()
     times = time * np.arange(1, TRIAL_SAMPLES + 1) / TRIAL_SAMPLES
-    moves = np.abs(prediction.steps(times)).max(axis=0) * [drive.maximum for drive in drives]
+    # A heat that rises does no more than one that has been on.
+    reached = np.array([np.minimum(drive.slew * times, drive.maximum) for drive in drives]).T
+    moves = (np.abs(prediction.steps(times)) * reached[:, None]).max(axis=0)
+    slow = any(drive.slew * time < drive.maximum for drive in drives)
+    power = "what the slew rate allows" if slow else "full power"
     short = moves / np.array(list(least.values()))[:, None]
     for k, (output, size) in enumerate(least.items()):
         if output not in plan.axes and short[k].max() < 1:
             raise ModelError(
-                f"{output} cannot be controlled: full power of {', '.join(prediction.controls)} "
-                f"moves it by {moves[k].max():.2g} within {time:.3g} s, less than its tolerance, "
+                f"{output} cannot be controlled: {power} of {', '.join(prediction.controls)} "
+                f"moves it by {moves[k].max():.2g} within {time:.4g} s, less than its tolerance, "
                 f"{size:.2g} (--hold the others alone)"
             )
     for k, drive in enumerate(drives):
         if short[:, k].max() < 1:
             raise ModelError(
-                f"{drive.channel} acts on none of {', '.join(least)}: full power moves no "
-                f"output by its tolerance within {time:.3g} s"
+                f"{drive.channel} acts on none of {', '.join(least)}: {power} moves no "
+                f"output by its tolerance within {time:.4g} s"
             )
 
 
@@ -262,7 +287,9 @@ def _dependent(
     sizes = np.linalg.svd(prediction.steps(np.array(time))[held] * tops, compute_uv=False)
     if len(tops) >= len(held) and sizes[-1] > INDEPENDENT * sizes[0]:
         return ()
+    moved = ", ".join(prediction.outputs[k] for k in held)
+    move = "moves" if len(tops) == 1 else "move"
     return (
-        f"{', '.join(prediction.controls)} move {', '.join(prediction.outputs[k] for k in held)} "
-        "together: not all of them can be held at zero",
+        f"{', '.join(prediction.controls)} {move} {moved} together: not all of them can be held at "
+        "zero",
     )

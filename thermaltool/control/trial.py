@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from scipy.optimize import nnls
@@ -18,6 +18,8 @@ from thermaltool.status import SATURATED
 
 # Samples of a trial at the most.
 TRIAL_SAMPLES = 400
+# A controller that leaves more than this part of the worst output holds nothing.
+HELD_AT_LEAST = 0.99
 
 
 @dataclass(frozen=True)
@@ -33,12 +35,14 @@ class ControlTrial:
         Outputs without control, and with it, less what an axis corrects.
     heats : mapping of drive to ndarray, shape (n,)
         Held since the moment before.
+    tolerance : mapping of output to float
+        As for `HeaterController`.
     at_limit : float
         Share of the time in which the law asks for more or less than there is.
     asked : mapping of drive to (float, float) [unit of the drive, s]
         The least that is asked for where there are no limits, and when.
     needs : str
-        What would help where heat is asked to be taken away; empty where it is not.
+        What would help where heat is asked to be taken away, or where nothing is held; empty else.
     """
 
     disturbance: str
@@ -49,7 +53,19 @@ class ControlTrial:
     heats: Mapping[str, Float]
     at_limit: float
     asked: Mapping[str, tuple[float, float]]
+    tolerance: Mapping[str, float]
     needs: str = ""
+
+    @property
+    def holds_nothing(self) -> bool:
+        """Whether the step goes beyond a tolerance, and the heaters leave it as it is."""
+        free, held = (
+            max(
+                np.ptp(np.append(values, 0.0)) / self.tolerance[name] for name, values in of.items()
+            )
+            for of in (self.free, self.held)
+        )
+        return bool(free > 1 and held > HELD_AT_LEAST * free)
 
 
 def tried_step(
@@ -61,6 +77,8 @@ def tried_step(
     dt = max(controller.period, duration / TRIAL_SAMPLES)
     time = np.arange(max(round(duration / dt), 1) + 1, dtype=float) * dt
 
+    reach = dt * np.array([drive.slew for drive in controller.drives])
+
     def course(limited: bool) -> tuple[Float, Float, Float, float]:
         """Outputs, heats, what is asked for, and the share of samples at a limit."""
         law = law_of(controller, prediction.estimator)
@@ -69,7 +87,10 @@ def tried_step(
         given = np.zeros(len(controller.drives))
         for moment in time[:-1]:
             decision = law.decide(z, dt, float(moment), given)
-            given = decision.powers if limited else decision.asked
+            if limited:
+                given = np.clip(decision.powers, given - reach, given + reach)
+            else:
+                given = decision.asked
             z = A @ z + B @ given
             outputs.append(prediction.readout @ z)
             heats.append(given)
@@ -84,12 +105,8 @@ def tried_step(
     held = beyond(held, np.array([controller.axes.get(each, 0.0) for each in controller.tolerance]))
     least, worst = asked.min(axis=0), asked.argmin(axis=0)
     shares = least / [drive.maximum for drive in controller.drives]
-    needs = ""
-    if np.any(shares < -AT_LIMIT):
-        at = int(worst[np.argmin(shares)]) + 1
-        needs = _missing_heater(prediction, free[at], float(time[at]), controller)
     outputs, channels = tuple(controller.tolerance), controller.channels
-    return ControlTrial(
+    trial = ControlTrial(
         prediction.disturbances[disturbance],
         float(levels[disturbance]),
         time,
@@ -101,8 +118,14 @@ def tried_step(
             channel: (float(least[k]), float(time[worst[k]]))
             for k, channel in enumerate(channels)
         },
-        needs,
+        controller.tolerance,
     )  # fmt: skip
+    at = len(time) - 1
+    if np.any(shares < -AT_LIMIT):
+        at = int(worst[np.argmin(shares)]) + 1
+    elif not trial.holds_nothing:
+        return trial
+    return replace(trial, needs=_missing_heater(prediction, free[at], float(time[at]), controller))
 
 
 def _missing_heater(
@@ -124,12 +147,15 @@ def _missing_heater(
             if abs(value) > 1
         )
         sentences.append(f"a heater that moves {moved} [unit of the output] would hold it")
+    elif controller.method == "state-lqr":
+        # A weight of states asks for it whatever is held.
+        return "the other methods need none"
     alone = [
         channel
         for k, channel in enumerate(outputs)
         if len(outputs) > 1 and np.any(steps[k] * free[k] < 0)
     ]
-    if alone:
+    if alone and controller.method != "state-lqr":
         sentences.append(f"{' or '.join(alone)} alone (--hold) needs none")
     return "; ".join(sentences)
 

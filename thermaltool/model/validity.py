@@ -123,18 +123,25 @@ def unit_suspects(model: Model, columns: Mapping[str, Float]) -> tuple[UnitSuspe
         if outputs_move:
             values = relative(columns[drive.channel], drive.reference, drive.hold)
             logged, seen = float(np.nanmax(np.abs(values))), max(map(abs, drive.range))
-            found.append(_thousandth(drive.channel, logged, seen))
+            found.append(thousandth(drive.channel, logged, seen))
         found.append(_kelvins(drive.channel, there[drive.channel], drive.reference, drive.range))
     for output in outputs:
         if drives_move and not is_absolute(output.channel):
             logged, seen = (float(np.ptp(each)) for each in (there[output.channel], output.range))
-            found.append(_thousandth(output.channel, logged, seen))
+            found.append(thousandth(output.channel, logged, seen))
         found.append(_kelvins(output.channel, there[output.channel], output.offset, output.range))
     return tuple(each for each in found if each is not None)
 
 
-def _thousandth(channel: str, logged: float, seen: float) -> UnitSuspect | None:
-    """Whether values are a thousand times as large, or as small, as the calibration's."""
+def thousandth(channel: str, logged: float, seen: float) -> UnitSuspect | None:
+    """Whether values are a thousand times as large, or as small, as the calibration's.
+
+    Parameters
+    ----------
+    channel : str
+    logged, seen : float [unit of the channel]
+        Sizes.
+    """
     own, factor = UNITS[parse_channel(channel).unit]
     suspects = (
         unit

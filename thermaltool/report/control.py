@@ -69,19 +69,22 @@ def control_table(design: ControlDesign) -> str:
 
 
 def control_notes(design: ControlDesign) -> tuple[str, ...]:
-    """Where heat would have to be taken away, and what would help."""
-    return (*design.notes, *(note for trial in design.trials for note in _negative(trial)))
+    """Where heat would have to be taken away, or holds nothing, and what would help."""
+    return (*design.notes, *(note for trial in design.trials for note in _not_held(trial)))
 
 
-def _negative(trial: ControlTrial) -> list[str]:
+def _not_held(trial: ControlTrial) -> list[str]:
     asked = [
         f"{channel} {power:.3g} after {at:.4g} s"
         for channel, (power, at) in trial.asked.items()
         if power < 0
     ]
+    advice = f": {trial.needs}" if trial.needs else ""
+    if trial.holds_nothing and not asked:
+        heaters = ", ".join(trial.heats)
+        return [f"nothing of a step of {trial.disturbance} is held by {heaters}{advice}"]
     if not trial.needs and not asked:
         return []
-    advice = f": {trial.needs}" if trial.needs else ""
     return [
         f"a step of {trial.disturbance} asks for negative heat ({', '.join(asked)}), "
         f"which no heater gives{advice}"

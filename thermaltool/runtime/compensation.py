@@ -7,6 +7,7 @@ from collections.abc import Mapping, Sequence
 from dataclasses import replace
 from typing import TYPE_CHECKING, Any
 
+from thermaltool.control.actuation import DEVIATION
 from thermaltool.control.controller import HeaterController
 from thermaltool.control.heaters import Stabilizer, parts_of, powers
 from thermaltool.control.law_choice import linear_estimator
@@ -280,7 +281,10 @@ def controlled_heaters(
     pipeline, estimator = linear_estimator(controller.model)
     design = controller.model.estimator_design()
     tops = {drive.channel: drive.maximum for drive in controller.drives}
-    # A power is measured between nothing and full power, whatever the calibration has seen.
+    # A power is measured between nothing and full power, whatever the calibration has seen; what is
+    # clearly below nothing is a meter whose sign is wrong.
+    powers = {channel: (-DEVIATION * top, 2 * top) for channel, top in tops.items()}
+    settings = replace(settings, ranges={**powers, **settings.ranges})
     columns = [
         replace(each, calibrated=(0.0, tops[each.column])) if each.column in tops else each
         for each in pipeline.input_columns

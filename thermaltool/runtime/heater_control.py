@@ -8,13 +8,14 @@ from typing import Any
 
 import numpy as np
 
-from thermaltool.control.actuation import Actuation
+from thermaltool.control.actuation import TRIAL_POWER, Actuation
 from thermaltool.control.blind import BlindPrediction
 from thermaltool.control.controller import HeaterController
 from thermaltool.control.law_choice import law_of
 from thermaltool.control.laws import MAX_FAILURES, ControlLaw, Decision
 from thermaltool.estimation.estimator import KalmanEstimator
 from thermaltool.estimation.known_inputs import KnownInputEstimator
+from thermaltool.model.validity import thousandth
 from thermaltool.responses.sample_clock import CLOCK_STEP
 from thermaltool.runtime.compensator import SetpointProcess
 from thermaltool.runtime.messages import Report
@@ -184,7 +185,8 @@ class ControlStepper(Steps):
         """Readings with setpoints in the place of powers that are lost, and powers as measured."""
         read, measured, given = list(readings), [], self._given()
         for k, place in enumerate(self._places):
-            known = place not in self.out and np.isfinite(readings[place])
+            absent = place in self.out or place in self.held
+            known = not absent and np.isfinite(readings[place])
             measured.append(readings[place] if known else None)
             read[place] = readings[place] if known else given[k]
         self._measured = measured
@@ -197,7 +199,11 @@ class ControlStepper(Steps):
         self._law = self._law_of_those_that_follow()
         if kept and self._law is not None:
             self._law.resume(kept)
-        what = f"does not follow: {self._given()[k]:.3g} set, {measured:.3g} measured"
+        given = self._given()[k]
+        what = f"does not follow: {given:.3g} set, {measured:.3g} measured"
+        suspect = thousandth(channel, abs(measured or 0.0), given)
+        if suspect is not None:
+            what += f" (is it in {suspect.unit}?)"
         rest = "no heater is left" if self._law is None else "the others go on without it"
         self._report(channel, f"{what}: {rest}" if stuck else "follows again")
 
@@ -214,7 +220,11 @@ class ControlStepper(Steps):
         self.decision = decision
         if decision.status in (OLD_PLAN, FAILED) and decision.status != self._told:
             then = "the last one goes on" if decision.status == OLD_PLAN else "no heat"
-            why = "no heater is left" if self._law is None else self._law.reason
+            if self._law is None:
+                why = "no heater is left"
+                then = f"what gives too little is tried with {TRIAL_POWER:.0%} of full power"
+            else:
+                why = self._law.reason
             self._report("", f"{why}: {then}")
         elif self._told in (OLD_PLAN, FAILED) and decision.status not in (OLD_PLAN, FAILED):
             self._report("", "planned again")

@@ -172,6 +172,12 @@ class Settings:
                 f"a step of {step:g} {unit} for {channel}, which has moved by {seen:.3g} {unit} in "
                 "the calibration: give a smaller one, with its unit (--step 0.5um), or 0 for none"
             )
+        grid = allowed.on_grid(step)
+        if grid.low == grid.high and allowed.low < allowed.high:
+            raise ValueError(
+                f"between {allowed.low:g} and {allowed.high:g} the step {step:g} has nothing but "
+                f"{grid.low:g}: give a smaller one"
+            )
         return Setpoint(allowed, self._amount(slew, USUAL_SLEW, channel), step, self.safe or 0.0)
 
     @staticmethod
