@@ -11,7 +11,7 @@ import json
 import subprocess
 import sys
 import time
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -73,15 +73,17 @@ def calibration_log(frame: ControlledFrame, seed: int, path: Path, hours: float 
     write_log(path, columns | read)
 
 
-def ready_model(folder: Path, log: Path, pair: str) -> dict[float, Path]:
-    """Models with an estimator that reads both powers, for samples of `DT` and of `QUICK`."""
+def ready_model(
+    folder: Path, log: Path, pair: str, cycles: Sequence[float] = (DT, QUICK)
+) -> dict[float, Path]:
+    """Models with an estimator that reads both powers, for samples of each length [s]."""
     noise, model = folder / "noise.json", folder / f"{pair}_model.json"
     tool("noise", log, "--stop", IDLE, "-o", noise)
     drives = [part for name in (MAIN, *CONTROL_POWERS) for part in ("--drive", name)]
     tool("calibrate", log, *drives, "--linear", "--sensor", pair, "--deflection", X,
          "--deflection", Y, "-o", model)  # fmt: skip
     measured = [part for name in CONTROL_POWERS for part in ("--measured", name)]
-    made = {dt: folder / f"{pair}_{dt:g}.json" for dt in (DT, QUICK)}
+    made = {dt: folder / f"{pair}_{dt:g}.json" for dt in cycles}
     for dt, path in made.items():
         tool("regularize", model, "--noise", noise, *measured, "--form", "kalman", "--dt", dt,
              "-o", path)  # fmt: skip
@@ -107,10 +109,13 @@ class Held:
     ----------
     time : ndarray, shape (n,) [s]
     deflections, powers : ndarray, shape (n, 2) [um, W]
-        Of the plant, without noise; powers as delivered in the sample that ends here.
+        Of the plant, without noise, less what axes correct; powers as delivered in the sample that
+        ends here.
     status : list of str
     replies : ndarray, shape (n,) [s]
         From a line to its answer.
+    offsets : ndarray, shape (n, 2) [um]
+        Set points of the axes after the line; zero where there are none.
     """
 
     time: Array
@@ -118,12 +123,13 @@ class Held:
     powers: Array
     status: list[str]
     replies: Array
+    offsets: Array
 
     def until(self, duration: float) -> Held:
         """Its first part."""
         n = int(np.searchsorted(self.time, duration, "right"))
         return Held(self.time[:n], self.deflections[:n], self.powers[:n], self.status[:n],
-                    self.replies[:n])  # fmt: skip
+                    self.replies[:n], self.offsets[:n])  # fmt: skip
 
     @property
     def band(self) -> float:
@@ -154,13 +160,18 @@ def closed_loop(
     seed: int,
     *more: str,
     dt: float = DT,
+    fault: Callable[[float, Array], Array] | None = None,
 ) -> Held:
-    """The plant held by ``compensate``, from rest; a level of heat for each sample."""
+    """The plant held by ``compensate``, from rest; a level of heat for each sample.
+
+    With a fault the heaters get what it makes of a time [s] and the setpoints. Axes of the
+    controller take their offsets at once.
+    """
     clock = dt * np.arange(len(levels) + 1)
     noise = read_sensors({pair: np.zeros(len(clock))}, SENSORS, dt, seed)[pair]
     run, power = frame.start(), np.zeros(2)
-    moved, powers, status, replies = [], [], [], []
-    given = np.zeros(2)
+    moved, powers, status, replies, corrected = [], [], [], [], []
+    given = axes = np.zeros(2)
     with subprocess.Popen(
         [*TOOL, "compensate", str(path), "--also", "status", *more],
         stdin=subprocess.PIPE, stdout=subprocess.PIPE, stderr=subprocess.DEVNULL, text=True,
@@ -171,19 +182,27 @@ def closed_loop(
         print(",".join(["time_s", pair, *CONTROL_POWERS]), file=process.stdin)
         for k, at in enumerate(clock):
             if k:
-                power = run.advance(float(levels[k - 1]), given, dt)
+                heats = given if fault is None else fault(float(at), given)
+                power = run.advance(float(levels[k - 1]), heats, dt)
             now = run.outputs()
             line = f"{at:.10g},{now[pair] + noise[k]:.3f},{power[0]:.2f},{power[1]:.2f}"
             began = time.perf_counter()
             print(line, file=process.stdin)
             if not k:
-                process.stdout.readline()
-            reply = process.stdout.readline().split(",")
+                names = process.stdout.readline().strip().split(",")
+                offsets = [f"offset_{axis.partition('_')[2]}" for axis in (X, Y)]
+            reply = process.stdout.readline().strip().split(",")
             replies.append(time.perf_counter() - began)
-            given = np.array(reply[1:3], float)
-            moved.append([now[X], now[Y]])
+            answer = dict(zip(names, reply, strict=True))
+            given = np.array([answer[name] for name in CONTROL_POWERS], float)
+            # An axis moves on the line that says so: until then it stands where it was.
+            moved.append(np.array([now[X], now[Y]]) + axes)
+            axes = np.array([answer.get(name, 0.0) for name in offsets], float)
+            corrected.append(axes)
             powers.append(power)
-            status.append(reply[-1].strip())
+            status.append(reply[-1])
         process.stdin.close()
         process.stdout.read()
-    return Held(clock, np.array(moved), np.array(powers), status, np.array(replies))
+    return Held(
+        clock, np.array(moved), np.array(powers), status, np.array(replies), np.array(corrected)
+    )

@@ -27,11 +27,16 @@ PUBLISHED = {0.5: 6.0, 1.0: 9.5, 1.5: 32.0}
 DURATIONS = (600.0, 1200.0, 2400.0, 3600.0)  # [s]
 HELD = 80  # stretches over which a heat is constant
 FULL = (250.0, 500.0)  # [W]
+NO_AXES = np.zeros(2)
 DEFLECTIONS = [OUTPUTS.index("d_x_um"), OUTPUTS.index("d_y_um")]
 
 
 def least_band(
-    frame: ControlledFrame, levels: float | Array, duration: float, late: float = 0.0
+    frame: ControlledFrame,
+    levels: float | Array,
+    duration: float,
+    stuck: tuple[int, float, float] | None = None,
+    axes: Array = NO_AXES,
 ) -> tuple[float, float]:
     """Band without and with the best heats, zero included [um].
 
@@ -41,21 +46,28 @@ def least_band(
     levels : float, or ndarray, shape (HELD,)
         The disturbance in each stretch, or a step at time 0 [full scale].
     duration : float [s]
-    late : float [s]
-        Heaters are off for so long: what a controller loses that learns of a step then.
+    stuck : (int, float [full scale], float [s]), optional
+        A heater, what it gives whatever is set, and from when.
+    axes : ndarray, shape (2,) [um]
+        What an NC axis takes of x and of y, up and down; the band is of what is left.
     """
     time_of, effect, free = _course(frame, levels, duration)
-    # Unknown beside the heats: lower and upper edge of each axis, and the width W of the band.
-    axes, nothing = np.tile(np.eye(2), (HELD, 1)), np.zeros((2 * HELD, 2))
-    no_width, heats = np.zeros((2 * HELD, 1)), 2 * HELD
-    above = np.hstack([effect, nothing, -axes, no_width])
-    below = np.hstack([-effect, axes, nothing, no_width])
-    width = np.hstack([np.zeros((2, heats)), -np.eye(2), np.eye(2), -np.ones((2, 1))])
+    heat = np.tile([0.0, 1.0], (HELD, 2, 1))
+    if stuck is not None:
+        heater, given, since = stuck
+        heat[time_of > since, heater] = given
+    # Unknown beside heats and offsets: lower and upper edge of x and y, and the band's width W.
+    outputs, nothing = np.tile(np.eye(2), (HELD, 1)), np.zeros((2 * HELD, 2))
+    no_width, moved = np.zeros((2 * HELD, 1)), 4 * HELD
+    effect = np.hstack([effect, np.eye(2 * HELD)])
+    above = np.hstack([effect, nothing, -outputs, no_width])
+    below = np.hstack([-effect, outputs, nothing, no_width])
+    width = np.hstack([np.zeros((2, moved)), -np.eye(2), np.eye(2), -np.ones((2, 1))])
     found = linprog(
-        np.append(np.zeros(heats + 4), 1.0),
+        np.append(np.zeros(moved + 4), 1.0),
         A_ub=np.vstack([above, below, width]),
         b_ub=np.concatenate([-free, free, np.zeros(2)]),
-        bounds=[(0.0, float(t > late)) for t in np.repeat(time_of, 2)]
+        bounds=[*heat.reshape(-1, 2), *[(-reach, reach) for reach in axes] * HELD]
         + [(None, 0.0)] * 2
         + [(0.0, None)] * 3,
         method="highs",
