@@ -447,6 +447,33 @@ def test_the_inversion_says_where_it_asks_for_negative_heat(model):
     assert "a heater that moves" in trial.needs
 
 
+def test_a_power_that_was_calibrated_as_measured_is_set_and_a_dead_time_becomes_lags():
+    # Heat needs a while from a pad to what bends: a calibration may take it for a dead time.
+    late = replace(response(PATHS[A, X]), delay=12.0)
+    bare = machine()
+    drives = tuple(replace(d, hold="first" if d.channel == A else d.hold) for d in bare.drives)
+    terms = tuple(
+        replace(t, response=late) if (t.drive, t.output) == (A, X) else t for t in bare.terms
+    )
+    plan = ControlPlan([(A, FULL), (B, FULL)], slew=100.0)
+    design = design_controller(designed(replace(bare, drives=drives, terms=terms)), plan)
+    assert [each.hold for each in design.controller.model.drives] == ["zero"] * 3
+    assert "d_x_um: a dead time of 12 s stands as lags, within" in design.notes[0]
+    again = load_controller(design.controller.document(), "c.json")
+    prediction = law_of(again, linear_estimator(again.model)[1]).prediction
+    times = np.arange(60.0, 3000.0, 50.0)
+    np.testing.assert_allclose(
+        prediction.steps(times)[:, 0, 0], late.modes(DT).step(times), atol=0.02
+    )
+    moved, *_ = closed_loop(again, 30.0, 900.0)
+    assert np.ptp(moved, axis=0).max() < 4
+    longer = tuple(
+        replace(t, response=replace(late, delay=2000.0)) if t.response is late else t for t in terms
+    )
+    with pytest.raises(ModelError, match=r"d_x_um: a dead time of 2e\+03 s, too long"):
+        design_controller(designed(replace(bare, drives=drives, terms=longer)), plan)
+
+
 def test_heaters_that_bend_the_same_way_as_the_step_are_told():
     turned = {
         (drive, output): [(k if drive == MAIN or output == PROBE else -k, tau) for k, tau in lags]

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 
@@ -13,6 +13,7 @@ from thermaltool.control.heaters import powers
 from thermaltool.control.law_choice import linear_estimator
 from thermaltool.control.methods import Method
 from thermaltool.control.prediction import ControlPrediction
+from thermaltool.control.set_drives import with_set_drives
 from thermaltool.control.trial import TRIAL_SAMPLES, ControlTrial, tried_step
 from thermaltool.documents import finite
 from thermaltool.errors import ModelError
@@ -92,7 +93,7 @@ def design_controller(model: Model, plan: ControlPlan) -> ControlDesign:
     ------
     ModelError
         A drive or output that the model does not have, or that nothing acts on; no power to give;
-        an estimator that does not read the power; effects that are not linear.
+        an estimator that does not read the power; effects that are not linear, a long dead time.
     """
     outputs = _outputs(model, plan)
     drives = tuple(_control_drive(model, channel, top, plan.slew) for channel, top in plan.drives)
@@ -102,6 +103,7 @@ def design_controller(model: Model, plan: ControlPlan) -> ControlDesign:
             raise ModelError(f"{channel} is given twice")
     _check_axes(plan, outputs)
     _check_acting(model, channels, outputs, plan.axes)
+    model, lagged = with_set_drives(model, channels)
     prediction = ControlPrediction(linear_estimator(model)[1], tuple(channels), outputs)
     if not prediction.disturbances:
         raise ModelError(f"nothing but {', '.join(channels)} drives the model: nothing to hold off")
@@ -126,7 +128,8 @@ def design_controller(model: Model, plan: ControlPlan) -> ControlDesign:
         plan.duration,
         dict(plan.axes),
     )
-    return tried(controller)
+    design = tried(controller)
+    return replace(design, notes=(*lagged, *design.notes))
 
 
 def tried(controller: HeaterController) -> ControlDesign:
@@ -173,7 +176,7 @@ def _control_drive(model: Model, channel: str, top: float | None, slew: float) -
     drives = {drive.channel: drive for drive in model.drives}
     if channel not in drives:
         raise ModelError(f"{channel} is not a drive of the model; there are {', '.join(drives)}")
-    if drives[channel].hold != "zero" or drives[channel].reference != 0:
+    if drives[channel].reference != 0:
         raise ModelError(f"{channel} is not set like a power, but measured from its first value")
     if top is not None and not 0 < top < math.inf:
         raise ModelError(f"{channel}: no power between 0 and {top:g}: give {channel}:WATTS")
