@@ -105,6 +105,7 @@ study: $(READY)
 	@$(BIN)/python benchmarks/heaters.py
 	@$(BIN)/python benchmarks/heater_control.py
 	@$(BIN)/python benchmarks/heater_loops.py
+	@$(BIN)/python benchmarks/heater_cases.py
 	@$(BIN)/python benchmarks/stumbles.py
 	@$(BIN)/python benchmarks/stream_faults.py
 	@$(BIN)/python tests/faults/streams.py --count 10000

@@ -111,8 +111,8 @@ def staying(frame: ControlledFrame, ready: Path, count: int, seed: int) -> None:
         }
         for name, machines in plants.items():
             found = []
-            for each in machines:
-                run = closed_loop(each, path, FAR, held_step(STAYS), seed, dt=CYCLE)
+            for k, each in enumerate(machines):
+                run = closed_loop(each, path, FAR, held_step(STAYS), seed + k, dt=CYCLE)
                 last = run.powers[2 * len(run.powers) // 3 :]
                 moved = max(np.ptp(last[i : i + minute], axis=0).max() for i in range(len(last)))
                 free = LEVEL * np.ptp(

@@ -485,6 +485,10 @@ def test_heaters_that_bend_the_same_way_as_the_step_are_told():
     (note,) = control_notes(design)
     assert note.startswith("nothing of a step of Q_main_W is held by Q_a_W, Q_b_W: a heater that")
     assert not control_notes(design_controller(designed(machine()), plan))
+    one = {ends: lags if ends[0] == A else PATHS[ends] for ends, lags in turned.items()}
+    one[A, X], one[A, Y] = [(-1.5, 200.0)], [(1.0, 250.0)]
+    (note,) = control_notes(design_controller(designed(machine(one)), plan))
+    assert note.startswith("Q_a_W stays off in every trial")
 
 
 def test_a_limit_beyond_the_calibration_is_told(model):

@@ -11,6 +11,7 @@ import numpy as np
 from thermaltool.control.controller import ControlDrive, HeaterController
 from thermaltool.control.heaters import powers
 from thermaltool.control.law_choice import linear_estimator
+from thermaltool.control.laws import AT_LIMIT
 from thermaltool.control.methods import Method
 from thermaltool.control.prediction import ControlPrediction
 from thermaltool.control.set_drives import with_set_drives
@@ -150,8 +151,28 @@ def tried(controller: HeaterController) -> ControlDesign:
     trials = tuple(
         tried_step(controller, prediction, k, length) for k in range(len(prediction.disturbances))
     )
-    notes = _beyond_calibration(controller.model, controller.drives)
-    return ControlDesign(controller, trials, (*notes, *_dependent(prediction, controller, length)))
+    notes = (
+        *_beyond_calibration(controller.model, controller.drives),
+        *_dependent(prediction, controller, length),
+        *_unused(controller.drives, trials),
+    )
+    return ControlDesign(controller, trials, notes)
+
+
+def _unused(drives: Sequence[ControlDrive], trials: Sequence[ControlTrial]) -> tuple[str, ...]:
+    """A note for each drive that is off in all trials, where another is not."""
+    largest = {
+        drive.channel: max(np.max(trial.heats[drive.channel]) for trial in trials) / drive.maximum
+        for drive in drives
+    }
+    if max(largest.values()) <= AT_LIMIT:
+        return ()
+    steps = ", ".join(trial.disturbance for trial in trials)
+    return tuple(
+        f"{channel} stays off in every trial: the way it bends helps no step of {steps}"
+        for channel, share in largest.items()
+        if share <= AT_LIMIT
+    )
 
 
 def _outputs(model: Model, plan: ControlPlan) -> tuple[str, ...]:
