@@ -4,7 +4,8 @@
 pressure that Fraser prints; the plant with deflections by heat alone, as Fraser takes a joint to
 act), six calibrations of each, judged on inputs that none of them has seen but for Q 2. Sensors
 are noisy (0.02 K, 0.2 µm, white), the truth is without noise. An error is the largest of a run.
-Prints Markdown tables.
+Prints Markdown tables. With ``--more`` instead what further levels and logs that go on through the
+cool-down are worth, on the plant.
 """
 
 from __future__ import annotations
@@ -50,6 +51,8 @@ def inputs(seed: int) -> dict[str, tuple[Array, float]]:
         "random": (np.repeat(levels, 60), 0.0),
         "stairs": (np.repeat([1.0, 2.0, 0.5], 270), 0.0),
         "Q 1, long": (np.ones(4 * ROWS), 0.0),
+        **{f"Q {q:g}": (np.full(ROWS, q), 0.0) for q in (1.25, 1.75, 2.5)},
+        **{f"Q {q:g}, off": (np.repeat([q, 0.0], ROWS), 0.0) for q in (0.5, 1.0, 2.0)},
     }
 
 
@@ -95,6 +98,21 @@ def calibrations(read: dict[str, pd.DataFrame]) -> dict[str, tt.Calibration]:
     }  # fmt: skip
 
 
+def further(read: dict[str, pd.DataFrame]) -> dict[str, tt.Calibration]:
+    """The linear model of Q = 1, and four from more than three steps."""
+    levels = {
+        "Q 0.5, 1, 2": ("Q 0.5", "Q 1", "Q 2"),
+        "Q 0.5, 1, 1.25, 1.75, 2": ("Q 0.5", "Q 1", "Q 1.25", "Q 1.75", "Q 2"),
+        "Q 0.5, 1, 1.25, 2, 2.5, 3": ("Q 0.5", "Q 1", "Q 1.25", "Q 2", "Q 2.5", "Q 3"),
+        "Q 0.5, 1, 2, each off for 9000 s": ("Q 0.5, off", "Q 1, off", "Q 2, off"),
+    }
+    linear = fitted(read["Q 1"], initial="rest", linear=True,
+                    kinds=dict.fromkeys(DEFLECTIONS, "deflection"))  # fmt: skip
+    return {"linear, Q 1": linear} | {
+        name: fitted([read[each] for each in logs], joint=CONTACTS) for name, logs in levels.items()
+    }
+
+
 def fitted(data: object, **options: object) -> tt.Calibration:
     return tt.calibrate(data, **ROLES, **options, warn=lambda message: None)
 
@@ -132,13 +150,15 @@ def largest(error: Array) -> Array:
 def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument("--seed", type=int, default=SEED)
-    seed = parser.parse_args().seed
+    parser.add_argument("--more", action="store_true", help="further levels, and cooling")
+    given = parser.parse_args()
+    seed = given.seed
     warnings.simplefilter("ignore")
     rule = "|".join(["---"] * len(JUDGED))
-    for machine, plant in machines().items():
+    for machine, plant in list(machines().items())[: 1 if given.more else None]:
         every = runs(plant, seed)
         read = {name: noisy for name, (_, noisy) in every.items()}
-        fits = calibrations(read)
+        fits = further(read) if given.more else calibrations(read)
         usual = {name: largest(off(fits["linear, Q 1"], *every[name])) for name in JUDGED}
         print(f"\n### {machine}\n\n| calibrated from | told by | {' | '.join(JUDGED)} |")
         print(f"|---|---|{rule}|")
@@ -150,7 +170,8 @@ def main() -> None:
                 share = "" if not told else f" ({pair(100 * (1 - left / usual[case]), '{:.0f}')} %)"
                 cells.append(pair(left) + share)
             print(f"| {name} | {', '.join(told)} | {' | '.join(cells)} |", flush=True)
-        online(fits["Q 0.5, 1, 2; T1"], every, seed)
+        if not given.more:
+            online(fits["Q 0.5, 1, 2; T1"], every, seed)
 
 
 def online(
