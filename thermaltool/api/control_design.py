@@ -138,7 +138,7 @@ def design(
     --------
     >>> import numpy as np, pandas as pd, thermaltool as tt
     >>> time, heat = np.arange(0.0, 3000.0, 10.0), np.zeros((2, 300))
-    >>> heat[0, 6:150], heat[1, 150:] = 100.0, 50.0
+    >>> heat[0, 6:150], heat[1, 150:] = 100.0, 90.0
     >>> frame = pd.DataFrame({"time_s": time, "Q_motor_W": heat[0], "Q_pad_W": heat[1]})
     >>> step = -np.expm1(-time / 200)
     >>> effect = np.convolve(np.diff(heat[0], prepend=0), step)[:300]
