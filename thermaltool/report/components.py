@@ -68,6 +68,7 @@ def _choice(each: Weighed) -> dict[str, Any]:
         "lags": len(each.choice.lags),
         "direct": each.choice.direct,
         "ridge": each.choice.ridge,
+        "error_time_s": each.choice.error_time,
         "held_out_rmse": jsonable(each.error),
         "weight": each.weight,
     }
@@ -134,10 +135,11 @@ def given_components(fits: Sequence[Fit]) -> str:
 
 
 def _choices(model: ComponentOutput) -> str:
-    rows = [["components", "direct", "lags", "ridge", "held-out RMS", "counts"]]
+    rows = [["components", "direct", "lags", "ridge", "errors", "held-out RMS", "counts"]]
     for each in model.choices[:LISTED_CANDIDATES]:
         c = each.choice
         rows.append([str(c.components), "yes" if c.direct else "no", str(len(c.lags)),
-                     f"{c.ridge:.3g}", f"{each.error:.4g}",
+                     f"{c.ridge:.3g}", f"over {c.error_time:.4g} s" if c.error_time else "white",
+                     f"{each.error:.4g}",
                      f"{100 * each.weight:.1f} %"])  # fmt: skip
     return f"of {len(model.choices)} choices those that count most:\n{aligned(rows)}"
