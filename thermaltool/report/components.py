@@ -33,7 +33,7 @@ def component_warnings(fits: Sequence[Fit]) -> list[str]:
     for fit in fits:
         model = _output(fit)
         for name in model.idle:
-            sentences.append(f"{name} never moves within the record: it is left out")
+            sentences.append(f"{name} never moves within the rows that are fitted: it is left out")
         for group in model.same:
             sentences.append(f"{' and '.join(group)} say the same: one of them would do")
     return list(dict.fromkeys(sentences))
