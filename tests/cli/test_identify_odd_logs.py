@@ -170,3 +170,24 @@ def test_numbers_beyond_a_word_of_64_bits_and_an_output_that_is_its_input(
     first, second = (term["gain"]["value"] for term in done.json["models"][0]["terms"])
     assert abs(first) < 1e-30
     assert second == pytest.approx(1.0, rel=1e-6)
+
+
+def test_validation_knows_what_simulate_knows_of_a_pause(thermaltool, tmp_path):
+    """A command changes in a pause: the outputs before the split say when, to both commands."""
+    rng = np.random.default_rng(4)
+    u = np.repeat(rng.uniform(0, 100, 8), 40)[:ROWS]
+    u[:10] = 0.0
+    y = 20 + lag(u, 300, 0.2) + 0.05 * rng.standard_normal(ROWS)
+    kept = np.ones(ROWS, bool)
+    kept[158:166] = False
+    columns = {"time_s": PERIOD * np.arange(ROWS), "Q_a_W": u, "T_x_degC": y}
+    log = written(tmp_path / "run.csv", columns, kept)
+    model = tmp_path / "model.json"
+    call = ("--input", "Q_a_W", "--output", "T_x_degC", "--orders", "1,1,1", "--split", 0.6)
+    printed = thermaltool("identify", log, *call, "-o", model, "--json").json
+    (own,) = printed["models"]
+    (judged,) = own["validation"]["logs"]
+    done = thermaltool("simulate", model, log, "--initial", judged["initial"], "--start",
+                       judged["start_s"], "--json")  # fmt: skip
+    assert "in this pause" in done.err
+    assert done.json["T_x_degC"]["fit_percent"] == pytest.approx(judged["fit_percent"], abs=0.01)
