@@ -98,6 +98,7 @@ study: $(READY)
 	@$(BIN)/python benchmarks/identify_process.py coverage
 	@$(BIN)/python benchmarks/identify_between.py
 	@$(BIN)/python benchmarks/identify_heat.py
+	@$(BIN)/python benchmarks/identify_spindle.py
 	@$(BIN)/python benchmarks/identify_dropped.py
 	@$(BIN)/python benchmarks/identify.py measured
 	@$(BIN)/python benchmarks/validation.py

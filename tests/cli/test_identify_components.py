@@ -90,7 +90,7 @@ def test_what_no_output_follows_is_left_out(thermaltool, tmp_path):
     assert kept in ("Q_h2_W", "Q_h6_W")
     (copy,) = {"Q_h2_W", "Q_h6_W"} - {kept}
     assert f"{copy} says the same as {kept}: it is left out" in done.err
-    assert "Q_h7_W never moves within the record: it is left out" in done.err
+    assert "Q_h7_W never moves within the rows that are fitted: it is left out" in done.err
     assert "no evidence for Q_h0_W, Q_h1_W, Q_h3_W, Q_h4_W, Q_h5_W: they are left out" in done.err
     assert [each["input"] for each in done.json["inputs_left_out"]] == [
         n for n in names if n != kept

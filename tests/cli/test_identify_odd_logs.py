@@ -48,7 +48,11 @@ def one_line(done):
     [
         (CALL[2:], {"Q_b_W": np.full(ROWS, 50.0)}, "Q_b_W does not excite: it never moves"),
         (CALL[2:], {"Q_b_W": np.full(ROWS, 1e15)}, "Q_b_W does not excite: it never moves"),
-        (CALL, {"d_z_um": np.full(ROWS, 3.0)}, "d_z_um is constant: there is nothing to identify"),
+        (
+            CALL,
+            {"d_z_um": np.full(ROWS, 3.0)},
+            "d_z_um is constant over the rows that are fitted",
+        ),
         (CALL, {"d_z_um": np.full(ROWS, np.nan)}, "d_z_um: no reading at all"),
         (THREE, {"d_z_um": np.full(ROWS, np.nan)}, "d_z_um: no reading at all"),
         (CALL, {"d_z_um": np.full(ROWS, 1e200)}, "d_z_um: too large"),
@@ -61,12 +65,30 @@ def test_a_channel_that_says_nothing_is_named(thermaltool, tmp_path, columns, ca
 
 
 @pytest.mark.parametrize(
+    ("rows", "said"),
+    [
+        (2, "d_z_um: one reading is too few to tell a transfer function by"),
+        (20, "Q_a_W does not excite: it never moves within the rows that are fitted"),
+    ],
+)
+def test_what_is_told_of_few_rows_counts_those_that_are_fitted(
+    thermaltool, tmp_path, columns, rows, said
+):
+    """Two rows are no constant output, nor is a step behind the split no step."""
+    late = np.where(np.arange(ROWS) < 15, 0.0, 50.0)
+    log = written(tmp_path / "run.csv", {**columns, "Q_a_W": late}, slice(rows))
+    assert said in one_line(
+        thermaltool("identify", log, *CALL[:2], *CALL[4:], "--split", 0.6, "--orders", "1,1,1")
+    )
+
+
+@pytest.mark.parametrize(
     ("changed", "options", "said"),
     [
         ({"Q_a_W": np.full(ROWS, 50.0)}, ("--structure", "subspace", "--modes", "1"),
-         "Q_a_W never moves within the record: it is left out"),
+         "Q_a_W never moves within the rows that are fitted: it is left out"),
         ({"Q_a_W": np.full(ROWS, 1e15)}, ("--orders", "1,1,1", "--orders", "2,2,1"),
-         "Q_a_W never moves within the record: it is left out"),
+         "Q_a_W never moves within the rows that are fitted: it is left out"),
         ({"dT_x_K": np.full(ROWS, 3.0)}, ("--structure", "subspace", "--modes", "1"),
          "dT_x_K is constant: it is left out"),
     ],
@@ -148,3 +170,24 @@ def test_numbers_beyond_a_word_of_64_bits_and_an_output_that_is_its_input(
     first, second = (term["gain"]["value"] for term in done.json["models"][0]["terms"])
     assert abs(first) < 1e-30
     assert second == pytest.approx(1.0, rel=1e-6)
+
+
+def test_validation_knows_what_simulate_knows_of_a_pause(thermaltool, tmp_path):
+    """A command changes in a pause: the outputs before the split say when, to both commands."""
+    rng = np.random.default_rng(4)
+    u = np.repeat(rng.uniform(0, 100, 8), 40)[:ROWS]
+    u[:10] = 0.0
+    y = 20 + lag(u, 300, 0.2) + 0.05 * rng.standard_normal(ROWS)
+    kept = np.ones(ROWS, bool)
+    kept[158:166] = False
+    columns = {"time_s": PERIOD * np.arange(ROWS), "Q_a_W": u, "T_x_degC": y}
+    log = written(tmp_path / "run.csv", columns, kept)
+    model = tmp_path / "model.json"
+    call = ("--input", "Q_a_W", "--output", "T_x_degC", "--orders", "1,1,1", "--split", 0.6)
+    printed = thermaltool("identify", log, *call, "-o", model, "--json").json
+    (own,) = printed["models"]
+    (judged,) = own["validation"]["logs"]
+    done = thermaltool("simulate", model, log, "--initial", judged["initial"], "--start",
+                       judged["start_s"], "--json")  # fmt: skip
+    assert "in this pause" in done.err
+    assert done.json["T_x_degC"]["fit_percent"] == pytest.approx(judged["fit_percent"], abs=0.01)

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import contextlib
 from collections.abc import Sequence
 from typing import TYPE_CHECKING
 
@@ -11,7 +10,6 @@ from thermaltool.api.inputs import Notice
 if TYPE_CHECKING:
     from thermaltool.fitting.pauses import PauseSwitch
     from thermaltool.logs import Log
-    from thermaltool.units import Hold
 
 
 def placed_in_pauses(
@@ -43,17 +41,15 @@ def switches_in(log: Log, drives: Sequence[str], outputs: Sequence[str]) -> list
     import numpy as np
 
     from thermaltool.responses.switching import pauses_with_switch
-    from thermaltool.units import drive_reference, hold_of
+    from thermaltool.units import hold_of
 
     steps, held = np.diff(log.time), [name for name in drives if hold_of(name) == "zero"]
     if not any(pauses_with_switch(log.column(name), steps) for name in held):
         return []
 
-    from thermaltool.fitting.pauses import switches_in_pauses
-    from thermaltool.model import Drive
+    from thermaltool.fitting.pauses import switches_of
 
-    own = [Drive(name, hold_of(name), drive_reference(name), (0.0, 0.0)) for name in drives]
-    return switches_in_pauses(log, own, outputs)
+    return switches_of(log, drives, outputs)
 
 
 def with_switches(
@@ -72,16 +68,9 @@ def with_switches(
     if not found:
         return log
 
-    from thermaltool.errors import UnitError
-    from thermaltool.fitting.pauses import switch_rows
+    from thermaltool.fitting.pauses import with_switch_rows
     from thermaltool.report.text import pause_switch_message
-    from thermaltool.units import hold_of
 
     for switch in found:
         warn(pause_switch_message(log, switch))
-    holds: dict[str, Hold] = {}
-    for name in log.columns:
-        # A column without a unit is read by nothing.
-        with contextlib.suppress(UnitError):
-            holds |= {} if name in outputs else {name: hold_of(name)}
-    return log.with_rows(*switch_rows(log, holds, found))
+    return with_switch_rows(log, found, outputs)

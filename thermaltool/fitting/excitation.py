@@ -45,14 +45,23 @@ def check_excitation(
     if not len(whole):
         raise DataError(f"{output} has no reading in any log", output)
     if not np.ptp(whole) > 0:
-        raise DataError(f"{output} is constant: there is nothing to identify", output)
+        if len(whole) == 1:
+            raise DataError(
+                f"{output}: one reading is too few to tell a transfer function by", output
+            )
+        raise DataError(
+            f"{output} is constant over the rows that are fitted: there is nothing to identify",
+            output,
+        )
     parts = [own if rows.all() else own[:, rows] for own, rows in zip(u, there, strict=True)]
     moved = np.hstack([own - own.mean(1, keepdims=True) for own in parts if own.size])
     power = np.sqrt(np.sum(moved**2, axis=1))
     size = np.sqrt(np.sum(np.hstack(parts) ** 2, axis=1))
     for name, deviation, own in zip(inputs, power, size, strict=True):
         if not deviation > MIN_MOVEMENT * own:
-            raise DataError(f"{name} does not excite: it never moves within the record")
+            raise DataError(
+                f"{name} does not excite: it never moves within the rows that are fitted"
+            )
     unit = moved / power[:, None]
     values, vectors = np.linalg.eigh(unit @ unit.T)
     if len(values) > 1 and values[0] < MIN_INDEPENDENCE:

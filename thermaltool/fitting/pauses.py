@@ -8,14 +8,17 @@ a grid of rates, by least squares. No model takes part: a log says the same to e
 
 from __future__ import annotations
 
+import contextlib
 import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
+from typing import TypeVar
 
 import numpy as np
 from scipy.linalg import solve
 from scipy.optimize import minimize_scalar
 
+from thermaltool.errors import UnitError
 from thermaltool.fitting.averaging import average
 from thermaltool.fitting.error_model import effective_share
 from thermaltool.fitting.projection import CalibrationProblem, GridStates
@@ -23,7 +26,9 @@ from thermaltool.model import Drive
 from thermaltool.record import Record
 from thermaltool.responses.modes import Float
 from thermaltool.responses.switching import pauses_with_switch
-from thermaltool.units import Hold
+from thermaltool.units import Hold, drive_reference, hold_of
+
+R = TypeVar("R", bound=Record)
 
 # Switches whose instants are looked for: those that leave most heat open.
 MAX_SWITCHES = 16
@@ -61,6 +66,35 @@ class PauseSwitch:
     ends: float
     step: float
     time: float
+
+
+def switches_of(record: Record, drives: Sequence[str], outputs: Sequence[str]) -> list[PauseSwitch]:
+    """As `switches_in_pauses`, of drives by their names.
+
+    Parameters
+    ----------
+    record : Record
+    drives, outputs : sequence of str
+    """
+    own = [Drive(name, hold_of(name), drive_reference(name), (0.0, 0.0)) for name in drives]
+    return switches_in_pauses(record, own, outputs)
+
+
+def with_switch_rows(record: R, found: Sequence[PauseSwitch], outputs: Sequence[str]) -> R:
+    """A record with rows, without readings, around switches.
+
+    Parameters
+    ----------
+    record : Record
+    found : sequence of PauseSwitch
+    outputs : sequence of str
+    """
+    holds: dict[str, Hold] = {}
+    for name in record.columns:
+        # A column without a unit is read by nothing.
+        with contextlib.suppress(UnitError):
+            holds |= {} if name in outputs else {name: hold_of(name)}
+    return record.with_rows(*switch_rows(record, holds, found)) if found else record
 
 
 def switches_in_pauses(

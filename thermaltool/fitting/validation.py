@@ -17,6 +17,7 @@ from thermaltool.documents import jsonable
 from thermaltool.errors import DataError, FitError, LogError, ModelError
 from thermaltool.fitting.data import Array, Split, TrainingData, Zero
 from thermaltool.fitting.output_model import OutputModel
+from thermaltool.fitting.pauses import switches_of, with_switch_rows
 from thermaltool.model import Model, Start, started_outputs
 from thermaltool.record import Record
 from thermaltool.signals.agreement import Agreement, agreement, improvement
@@ -185,6 +186,14 @@ def _simulated(whole: Model, target: str, rows: Sequence[HeldOut]) -> list[Run] 
         if not all(np.isfinite(log.column(drive.channel)).all() for drive in whole.drives):
             return None
         start = -np.inf if each.start is None else each.start
+        # As simulate does: rows that are judged do not say when a command has changed in a pause.
+        known = np.where(time < (np.inf if each.start is None else each.start),
+                         log.column(target), np.nan)  # fmt: skip
+        switches = switches_of(
+            log.with_columns({target: known}), [drive.channel for drive in whole.drives], [target]
+        )
+        log = with_switch_rows(log, switches, [target])
+        read, time = np.isin(log.time, time), log.time
         try:
             run = whole.simulate(log)
             # Without rows before those that are judged these say how the log begins.
@@ -192,7 +201,7 @@ def _simulated(whole: Model, target: str, rows: Sequence[HeldOut]) -> list[Run] 
             own = started_outputs(whole, log, run, each.initial, before)[target]
         except (LogError, ModelError):
             return None
-        judged = (time >= start) & (time <= (np.inf if each.stop is None else each.stop))
+        judged = read & (time >= start) & (time <= (np.inf if each.stop is None else each.stop))
         found.append((log.column(target)[judged], own.computed[judged] + own.zero.value))
     return found
 

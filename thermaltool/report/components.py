@@ -33,7 +33,7 @@ def component_warnings(fits: Sequence[Fit]) -> list[str]:
     for fit in fits:
         model = _output(fit)
         for name in model.idle:
-            sentences.append(f"{name} never moves within the record: it is left out")
+            sentences.append(f"{name} never moves within the rows that are fitted: it is left out")
         for group in model.same:
             sentences.append(f"{' and '.join(group)} say the same: one of them would do")
     return list(dict.fromkeys(sentences))
@@ -68,6 +68,7 @@ def _choice(each: Weighed) -> dict[str, Any]:
         "lags": len(each.choice.lags),
         "direct": each.choice.direct,
         "ridge": each.choice.ridge,
+        "error_time_s": each.choice.error_time,
         "held_out_rmse": jsonable(each.error),
         "weight": each.weight,
     }
@@ -134,10 +135,11 @@ def given_components(fits: Sequence[Fit]) -> str:
 
 
 def _choices(model: ComponentOutput) -> str:
-    rows = [["components", "direct", "lags", "ridge", "held-out RMS", "counts"]]
+    rows = [["components", "direct", "lags", "ridge", "errors", "held-out RMS", "counts"]]
     for each in model.choices[:LISTED_CANDIDATES]:
         c = each.choice
         rows.append([str(c.components), "yes" if c.direct else "no", str(len(c.lags)),
-                     f"{c.ridge:.3g}", f"{each.error:.4g}",
+                     f"{c.ridge:.3g}", f"over {c.error_time:.4g} s" if c.error_time else "white",
+                     f"{each.error:.4g}",
                      f"{100 * each.weight:.1f} %"])  # fmt: skip
     return f"of {len(model.choices)} choices those that count most:\n{aligned(rows)}"

@@ -174,7 +174,7 @@ def identification_warnings(fits: Sequence[Fit], left_out: Sequence[LeftOut] = (
 def _left_out(inputs: Sequence[LeftOut]) -> list[str]:
     """Sentences on inputs without a term, and why."""
     found = [
-        f"{each.name} never moves within the record: it is left out"
+        f"{each.name} never moves within the rows that are fitted: it is left out"
         for each in inputs
         if each.evidence is None
     ]

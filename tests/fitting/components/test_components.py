@@ -9,6 +9,7 @@ import pytest
 from machines.bar import NAMES, ROWS, SENSORS, bar
 
 from thermaltool.errors import FitError
+from thermaltool.fitting.components.choose import averaged
 from thermaltool.fitting.components.model import output_of
 from thermaltool.fitting.components.plan import ComponentPlan
 from thermaltool.fitting.components.problem import Choice, ComponentProblem
@@ -56,6 +57,21 @@ def test_the_ridge_beats_the_inputs_as_they_are(split):
     # Noise of the growth is 0.1 um.
     assert rms(model, split) < 0.25
     assert sum(each.weight for each in model.choices) == pytest.approx(1)
+
+
+@pytest.mark.parametrize(("slow", "share"), [(0.0, 0.0), (2.0, 0.5)])
+def test_half_of_the_weight_takes_slow_errors_for_what_they_are(log, slow, share):
+    """Errors over an hour in the growth: the half by the evidence says so, and only there."""
+    rng = np.random.default_rng(8)
+    kept, drift = np.exp(-log.elapsed[1] / 3600), np.zeros(len(log))
+    for k, e in enumerate(rng.standard_normal(len(log) - 1)):
+        drift[k + 1] = kept * drift[k] + e
+    columns = {**log.columns, "d_z_um": log.column("d_z_um") + slow * np.sqrt(1 - kept**2) * drift}
+    data = even_training_data([replace(log, columns=columns)], NAMES, ["d_z_um"]).from_rest()
+    _, weighed = averaged(ComponentProblem(data, Reduction()))
+    coloured = sum(each.weight for each in weighed if each.choice.error_time)
+    assert coloured == pytest.approx(share, abs=0.01)
+    assert sum(each.weight for each in weighed) == pytest.approx(1)
 
 
 @pytest.mark.parametrize("method", ["pca", "pls"])

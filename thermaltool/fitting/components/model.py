@@ -19,7 +19,7 @@ from thermaltool.responses.rational import rational_kind
 from thermaltool.signals.intervals import Estimate, normal_estimate, standard_error
 from thermaltool.units import Hold
 
-METHOD = "ridge by held-out blocks, averaged"
+METHOD = "ridge by held-out blocks and by evidence, averaged"
 
 
 @dataclass(frozen=True, kw_only=True)

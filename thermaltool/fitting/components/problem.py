@@ -117,7 +117,10 @@ class ComponentProblem:
         output = data.output()
         if not np.ptp(output[np.isfinite(output)]) > 0:
             (name,) = data.outputs
-            raise DataError(f"{name} is constant: there is nothing to identify", name)
+            raise DataError(
+                f"{name} is constant over the rows that are fitted: there is nothing to identify",
+                name,
+            )
         least, most = (data.rows // count for count in AVERAGES)
         self.rows = max(1, min(least, max(AVERAGED_ROWS, most)))
         shortest, longest = self.rows * data.period, data.duration / LONGEST_PART

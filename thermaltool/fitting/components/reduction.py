@@ -159,7 +159,7 @@ def moving_inputs(data: TrainingData) -> tuple[str, ...]:
     span = np.ptp(columns, axis=1) > MIN_MOVEMENT * np.max(np.abs(columns), axis=1)
     found = tuple(name for name, moves in zip(data.inputs, span, strict=True) if moves)
     if not found:
-        raise FitError("no input excites: none moves within the record")
+        raise FitError("no input excites: none moves within the rows that are fitted")
     return found
 
 
