@@ -205,6 +205,18 @@ def test_of_kinds_as_simple_the_evidence_decides(gains, taus, sigma):
     assert chosen(model)["kinds"] == ["rational2"]
 
 
+def test_a_kind_that_is_truer_but_hardly_nearer_is_told():
+    """What readings hardly show is left out; that intervals do not hold it is said."""
+    u = switched(1)
+    y = lags(u, [0.04, 0.014, 0.012], [1500.0, 300.0, 60.0])
+    model = fitted(record(u, y, 0.22, 1))
+    assert chosen(model)["kinds"] == ["rational2"]
+    (told,) = (each for each in calibration_warnings(model) if "decisive evidence" in each)
+    assert told.startswith(f'{OUTPUT}: "slab" has decisive evidence beside "rational2" (')
+    plain = fitted(record(u, lags(u, [0.05], [600.0]), 0.05, 1))
+    assert not any("decisive evidence" in each for each in calibration_warnings(plain))
+
+
 def test_the_comparison_is_told_with_its_reason():
     u = switched(1)
     text = calibration_table(fitted(record(u, lags(u, [0.05], [600.0]), 0.05, 1)))
