@@ -2,9 +2,13 @@
 
 from __future__ import annotations
 
+import re
+
 import numpy as np
+import pandas as pd
 import pytest
 
+import thermaltool as tt
 from thermaltool.diagnosis.diagnose import diagnose
 from thermaltool.model import Drive, Model, Output, Term
 from thermaltool.record import Record
@@ -14,8 +18,8 @@ HEAT, BEND, DT, TAU, GAIN, NOISE = "Q_main_W", "d_z_um", 20.0, 900.0, 0.4, 0.02
 TIME = DT * np.arange(900)
 
 
-def test_an_instant_behind_a_standstill():
-    # While the drive is off, all instants are as good as one another.
+def weakened(begins=0.0):
+    """A model, and a log in which the drive is weaker from 9400 s on, after a standstill."""
     heat = np.select([TIME < 2000, TIME < 5500, TIME < 9300, TIME < 14000], [60, 90, 0, 80], 40)
     acting = heat * np.where(TIME >= 9400, 0.8, 1.0)
     bend, kept = np.zeros(len(TIME)), np.exp(-DT / TAU)
@@ -25,8 +29,28 @@ def test_an_instant_behind_a_standstill():
     output = Output(BEND, "deflection", 0.0, (0.0, 40.0), {"rmse": NOISE})
     term = Term(HEAT, BEND, Rational1(GAIN, TAU))
     model = Model((Drive(HEAT, "zero", 0.0, (0.0, 100.0)),), (output,), (term,), DT)
-    found = diagnose(model, [Record(TIME, {HEAT: heat.astype(float), BEND: bend}, digest="log")])
+    return model, Record(begins + TIME, {HEAT: heat.astype(float), BEND: bend}, digest="log")
+
+
+def test_an_instant_behind_a_standstill():
+    # While the drive is off, all instants are as good as one another.
+    model, log = weakened()
+    found = diagnose(model, [log])
     assert [cause.effect.name for cause in found.causes] == ["drive_gain_step"]
     parameters = found.causes[0].effect.parameters
     assert parameters["gain"] == pytest.approx(0.8, abs=0.005)
     assert parameters["time"] == pytest.approx(9400.0, abs=DT)
+
+
+def test_instants_are_told_from_the_first_row_where_the_clock_counts_from_1970():
+    model, log = weakened(begins=1.772e9)
+    frame = pd.DataFrame({"time_s": log.time, **log.columns})
+    found = tt.diagnose(model, frame)
+    (cause,) = found.document()["causes"]
+    # The file keeps the time of the clock, which `simulate` goes by.
+    assert cause["parameters"]["time"]["value"] == pytest.approx(1.772e9 + 9400.0, abs=DT)
+    assert "from 157 min into the log it acts" in cause["action"]
+    worst = found.document()["residuals"][BEND]["worst"]
+    assert 9400.0 <= worst["start"] < worst["stop"] <= TIME[-1]
+    assert re.search(r"\btime 9(39|40)\d s", found.table())
+    assert re.search(r"worst from 2\.\d+ to \d\.\d+ h", found.table())

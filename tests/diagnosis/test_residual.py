@@ -154,7 +154,6 @@ def test_conditions():
         for c in report(residual, others={"n_rpm": speed, "T_room_degC": room}).conditions
     }
     assert found[None, "cooling"].mean > 1.5
-    # The zero is the median, which a wrong third of the rows moves a little.
     assert abs(found[None, "heating"].mean) < 0.5
     assert sum(found[None, name].rows for name in ("heating", "cooling", "idle")) == N
     assert sum(found[None, name].power for name in ("heating", "cooling", "idle")) == pytest.approx(
@@ -165,6 +164,18 @@ def test_conditions():
     thirds = [c for (channel, _), c in found.items() if channel == "T_room_degC"]
     assert [c.rows for c in thirds] == pytest.approx([N / 3] * 3, abs=2)
     assert thirds[0].high == thirds[1].low
+
+
+def test_a_residual_that_comes_for_good_is_worst_from_there_on():
+    """The model is right for two fifths of the log, so that its median lies amid what is wrong."""
+    rng = np.random.default_rng(13)
+    begin = 0.4 * TIME[-1]
+    rise = 20.0 * -np.expm1(-np.clip(TIME - begin, 0, None) / 8000.0)
+    found = report(7.0 + rise + 0.5 * rng.standard_normal(N), drives={"n_rpm": TIME // 1000})
+    assert begin < found.worst.start < begin + 0.3 * TIME[-1]
+    assert found.worst.stop == TIME[-1]
+    (early, *_) = (c for c in found.conditions if c.channel == "n_rpm")
+    assert abs(early.mean) < 0.1
 
 
 def test_an_arbitrary_zero_is_no_misfit():

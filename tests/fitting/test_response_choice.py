@@ -194,12 +194,35 @@ def test_a_kind_that_is_given_is_taken_and_nothing_is_compared():
     assert "candidates" not in model.outputs[0].fit
 
 
+@pytest.mark.parametrize(
+    ("gains", "taus", "sigma"),
+    [([0.03, 0.02], [600.0, 150.0], 0.07), ([0.04, 0.02], [1500.0, 200.0], 0.4)],
+)
+def test_of_kinds_as_simple_the_evidence_decides(gains, taus, sigma):
+    """The usual kind has as many parameters, and is no less likely only where it fits as well."""
+    u = switched(1)
+    model = fitted(record(u, lags(u, gains, taus), sigma, 1))
+    assert chosen(model)["kinds"] == ["rational2"]
+
+
+def test_a_kind_that_is_truer_but_hardly_nearer_is_told():
+    """What readings hardly show is left out; that intervals do not hold it is said."""
+    u = switched(1)
+    y = lags(u, [0.04, 0.014, 0.012], [1500.0, 300.0, 60.0])
+    model = fitted(record(u, y, 0.22, 1))
+    assert chosen(model)["kinds"] == ["rational2"]
+    (told,) = (each for each in calibration_warnings(model) if "decisive evidence" in each)
+    assert told.startswith(f'{OUTPUT}: "slab" has decisive evidence beside "rational2" (')
+    plain = fitted(record(u, lags(u, [0.05], [600.0]), 0.05, 1))
+    assert not any("decisive evidence" in each for each in calibration_warnings(plain))
+
+
 def test_the_comparison_is_told_with_its_reason():
     u = switched(1)
     text = calibration_table(fitted(record(u, lags(u, [0.05], [600.0]), 0.05, 1)))
     assert f"{OUTPUT}: kinds compared" in text
     (line,) = (line for line in text.splitlines() if line.startswith("rational1 "))
-    assert "chosen: the fewest parameters among those that are as good" in line
+    assert "chosen: no other is as good" in line
     # What a person asks for: 0.05 K/W and ten minutes.
     (line,) = (line for line in text.splitlines() if line.startswith(HEAT))
     assert "K/W" in line

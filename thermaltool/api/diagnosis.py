@@ -141,7 +141,7 @@ class DiagnosisReport(Result):
         return {
             **self.diagnosis.document(self.tolerance),
             "model": self.model_name,
-            "logs": [log.source for log in self.logs],
+            "logs": [{**log.source, "begins_s": float(log.time[0])} for log in self.logs],
             "validated_on": [log.source for log in self.unseen if log.digest not in sound],
             "sound": [log.source for log in self.unseen if log.digest in sound],
             "calibrated_on": [log.source for log in self.calibration],

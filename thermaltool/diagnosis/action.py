@@ -7,6 +7,7 @@ from typing import TYPE_CHECKING
 
 from thermaltool.diagnosis.inputs import duration_text
 from thermaltool.effects.effect import Effect, reference_of
+from thermaltool.effects.instant import INSTANTS
 from thermaltool.units import is_temperature, parse_channel, printed
 
 if TYPE_CHECKING:
@@ -19,6 +20,7 @@ def action_of(
     severity: Mapping[str, Severity],
     noise: Mapping[str, float],
     location: Location | None = None,
+    begins: float = 0.0,
 ) -> str:
     """A sentence that says what to look at and what to do.
 
@@ -30,6 +32,8 @@ def action_of(
         Of a reading: the output that is moved most is told.
     location : Location, optional
         Of an unknown cause.
+    begins : float [s]
+        First row of the log of an accident: instants are told from there on.
     """
     named = [own for name in effect.parameters if (own := reference_of(name)[1])]
     output = max(
@@ -44,7 +48,8 @@ def action_of(
     for name, value in effect.parameters.items():
         base, own = reference_of(name)
         if own in (None, output):
-            values[base] = _text(value, effect.unit(name))
+            since = begins if base in INSTANTS and effect.log is not None else 0.0
+            values[base] = _text(value - since, effect.unit(name))
             values[f"{base}_percent"] = f"{100 * value:.3g} %"
             if not effect.parameter(name).fixed:
                 fitted.append(f"{base} {values[base]}")
@@ -61,7 +66,7 @@ def action_of(
 def _text(value: float, unit: str) -> str:
     """A value as a person says it: times in a handy unit."""
     if unit == "s":
-        return f"{'-' if value < 0 else ''}{duration_text(abs(value))}"
+        return f"{'-' if value < 0 else ''}{duration_text(abs(value), 3)}"
     # A factor is told beside 1.
     digits = 4 if unit == "1" else 3
     return f"{value:.{digits}g} {printed(unit)}".rstrip()

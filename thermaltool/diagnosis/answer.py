@@ -117,9 +117,11 @@ def answer(task: DiagnosisTask, first: Hypothesis, search: SearchState) -> Diagn
         return severity_of(extended, cause.effect, full.logs)
 
     moved = [severity(cause) for cause in causes]
+    begins = {log.digest: float(log.time[0]) for log in full.logs}
     causes = [
         replace(
-            c, severity=each, action=action_of(c.effect, each, noise, c.location),
+            c, severity=each,
+            action=action_of(c.effect, each, noise, c.location, begins.get(c.effect.log, 0.0)),
             elsewhere=_elsewhere(full, extended, c.effect, noise),
         )
         for c, each in zip(causes, moved, strict=True)

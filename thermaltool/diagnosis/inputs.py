@@ -127,16 +127,17 @@ def levels_of(hypothesis: Hypothesis, channel: str) -> ChannelLevels:
     return ChannelLevels(channel, start, low, high, float(f"{third:.2g}"))
 
 
-def duration_text(seconds: float) -> str:
-    """A time as a user would set it: two figures, in a handy unit.
+def duration_text(seconds: float, digits: int = 2) -> str:
+    """A time in a handy unit; with two figures, as a user would set it.
 
     Parameters
     ----------
     seconds : float [s]
+    digits : int
     """
     for unit, size, least in (("h", 3600.0, 3.0), ("min", 60.0, 3.0), ("s", 1.0, 0.0)):
         if seconds >= least * size:
-            return f"{float(f'{seconds / size:.2g}'):g} {unit}"
+            return f"{float(f'{seconds / size:.{digits}g}'):g} {unit}"
     raise ValueError(f"no duration: {seconds}")
 
 

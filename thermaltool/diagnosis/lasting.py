@@ -30,7 +30,7 @@ class Recurrence:
     log : str
         Digest.
     time : float or None [s]
-        When it happened there; None where it lasts from the first row on.
+        How long after the first row it happened there; None where it lasts from the first row on.
     """
 
     log: str
@@ -96,7 +96,8 @@ def recurrences(
         lasts = [each for each in left if each[1] is None and each[0] < MAX_LEFT]
         share, time = min(lasts or left, key=lambda each: each[0], default=(np.inf, None))
         if share < MAX_LEFT:
-            found.append(Recurrence(log.digest, time))
+            into = None if time is None else time - float(log.time[0])
+            found.append(Recurrence(log.digest, into))
     return tuple(found)
 
 

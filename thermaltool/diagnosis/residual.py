@@ -23,6 +23,9 @@ MIN_ROWS = 16
 MAX_BINS = 40
 # A channel of at most so many levels is described by level, else by thirds.
 MAX_LEVELS = 4
+# Rows within so many times the noise agree on a level, which is another than the median from so
+# many times as many rows on.
+AGREES, MANY_MORE = 2.0, 1.5
 # Periods at which bands may meet [s].
 BAND_EDGES = np.array(
     [1, 2, 5, 10, 20, 30, 60, 120, 300, 600, 1200, 1800, 3600, 7200, 18000, 36000, 86400, 604800]
@@ -136,8 +139,8 @@ class ResidualReport:
     worst : WorstInterval or None
     bands : tuple of PeriodBand, the slowest first
     conditions : tuple of Condition
-        As `worst`, of the residual about the median of its record: the zero of a log is arbitrary,
-        and where a model is wrong for a while it is right for the rest.
+        As `worst`, of the residual about the level that it keeps longest in its record: the zero of
+        a log is arbitrary, and where a model is wrong for a while it is right for the rest.
     dependences : tuple of Dependence, the strongest first
     """
 
@@ -202,9 +205,9 @@ def residual_report(
     starts = np.flatnonzero(np.diff(time, prepend=np.inf) <= 0)
     records = [slice(a, b) for a, b in zip(starts, [*starts[1:].tolist(), len(time)], strict=True)]
     about = np.concatenate([residual[r] - np.mean(residual[r]) for r in records])
-    zeroed = np.concatenate([residual[r] - np.median(residual[r]) for r in records])
     power = float(np.mean(about**2)) + hidden**2
     row_white = float(np.sqrt(max(white_sigma**2 - hidden**2, 0.0))) if hidden else white_sigma
+    zeroed = np.concatenate([residual[r] - _level(residual[r], row_white) for r in records])
     tests = ColouredTests(time, about, records)
     dependences = [tests.dependence(name, values) for name, values in channels.items()]
     time_constant = tests.tau if tests.discrepancy else None
@@ -226,6 +229,18 @@ def residual_report(
         ),
         dependences=tuple(sorted((d for d in dependences if d), key=lambda d: d.p_value)),
     )
+
+
+def _level(residual: Float, white: float) -> float:
+    """Where a model is right: about the median, unless far more rows agree on another level."""
+    ordered = np.sort(residual)
+    middle = float(np.median(ordered))
+    ends = np.searchsorted(ordered, ordered + 2 * AGREES * white, "right")
+    first = int(np.argmax(ends - np.arange(len(ordered))))
+    about = np.count_nonzero(np.abs(ordered - middle) <= AGREES * white)
+    if ends[first] - first <= MANY_MORE * about:
+        return middle
+    return float(np.median(ordered[first : ends[first]]))
 
 
 def _held(values: Float) -> Float:

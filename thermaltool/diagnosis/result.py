@@ -42,7 +42,7 @@ class Location:
         Digest.
     output : str
     start, stop : float [s]
-        Of the stretch that has most of it for its length.
+        From the first row, of the stretch that has most of it for its length.
     condition : str or None
         What the machine does, or the level of a channel, in which most of it is; None for no one.
     shortest, longest : float or None [s]
@@ -335,7 +335,7 @@ def reports_of(
         k = int(np.argmax([len(rows) for rows in groups.rows]))
         log = hypothesis.logs[k]
         report = residual_report(
-            log.time,
+            log.elapsed,
             plain.simulation.residual(output)[k] - start[k],
             hypothesis.simulation.measured[k][output],
             {d.channel: log.columns[d.channel] for d in hypothesis.model.drives},

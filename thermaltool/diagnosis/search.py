@@ -38,6 +38,8 @@ MIN_FURTHER_ACCIDENT = 40.0
 # What is left over, on the calibration's own log or in the end, is looked at again where its power
 # above noise is this many times that of the noise.
 MIN_MISFIT = 1.0
+# Causes change nothing of a log from which they take less than this share of a reading's noise.
+SILENT = 0.1
 # Without sound logs a search counts where it leaves at most this share of the power above noise.
 MAX_LEFT = 0.5
 HAS_CHANGED = (
@@ -74,11 +76,32 @@ def searched(task: DiagnosisTask, start: SearchState) -> tuple[DiagnosisTask, Se
     if not again.causes or not np.isfinite(left) or left > MAX_LEFT * _left(task, search, noise):
         return task, search
     for log in apart.sound:
+        name = log.name or "a log"
         again = again.noted(
-            f"nothing of this is in {log.name or 'a log'}, which the model as it came fits: the "
-            "machine has changed between the logs, or the cause is another"
+            f"{name}, which the model as it came fits, says nothing of this: what causes it is "
+            "never there"
+            if _are_silent(again, log)
+            else f"nothing of this is in {name}, which the model as it came fits: the machine has "
+            "changed between the logs, or the cause is another"
         )
     return apart, again
+
+
+def _are_silent(search: SearchState, log: Record) -> bool:
+    """Whether the causes that are not of one log alone are some, and change nothing of another."""
+    model, white = search.hypothesis.model, search.hypothesis.white
+    lasting = tuple(each for each in model.effects if each.log is None)
+    if not lasting:
+        return False
+    without, beside = (
+        SimulatedLogs(replace(model, effects=effects), (log,), {}).outputs[0]
+        for effects in ((), lasting)
+    )
+    return all(
+        float(np.max(np.abs(beside[output] - without[output]))) < SILENT * white(output)
+        for output in without
+        if output in search.hypothesis.groups
+    )
 
 
 def _sound_logs(task: DiagnosisTask) -> list[int]:

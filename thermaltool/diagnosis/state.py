@@ -249,7 +249,13 @@ class SearchState:
             plain = [joint.written(task.model).model, held]
         # ... and so is another zero that does.
         every = [*(rezeroed(model, task.logs, masked) for model in plain), *plain]
-        return next((model for model in every if self.spoiled(task, model) is None), every[0])
+        # A cause may do nothing in a log without what is wrong; another parameter does.
+        whole = replace(task, validate=(*task.validate, *task.sound))
+        for judged in (whole, task) if task.sound else (task,):
+            for model in every:
+                if self.spoiled(judged, model) is None:
+                    return model
+        return every[0]
 
     def spoiled(
         self,

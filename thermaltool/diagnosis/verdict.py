@@ -191,8 +191,8 @@ def _location(hypothesis: Hypothesis, output: str, report: ResidualReport) -> Lo
     return Location(
         log.digest,
         output,
-        float(log.time[0]) if worst is None else worst.start,
-        float(log.time[-1]) if worst is None else worst.stop,
+        0.0 if worst is None else worst.start,
+        float(log.elapsed[-1]) if worst is None else worst.stop,
         name,
         None if band is None else band.shortest,
         None if band is None else band.longest,

@@ -8,6 +8,8 @@ import numpy as np
 
 from thermaltool.effects.effect import Effect, Scene
 
+# Parameters that are a time of the clock of one log, of these causes and others.
+INSTANTS = ("time", "start", "stop")
 # Readings of the channel before and after the instant.
 MIN_READINGS_BESIDE = 3
 

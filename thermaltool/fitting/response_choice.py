@@ -264,9 +264,18 @@ class _Judgement:
         return ""
 
     def _counts(self, each: FittedKinds, other: FittedKinds, errors: Float, others: Float) -> bool:
-        """Whether the error of one is larger than what its fewer rates and shapes are worth."""
+        """Whether the error of one is larger than what its fewer rates and shapes are worth.
+
+        Of two that are as simple none is worth more: what is decisive decides.
+        """
+        if self._size(other) <= self._size(each):
+            return True
         fewer = max(len(other.theta) - len(each.theta), 1)
         return self.data.counts(errors, others, MIN_EXCESS * fewer**0.5)
+
+    @staticmethod
+    def _size(each: FittedKinds) -> tuple[int, int]:
+        return complexity(each.kinds, each.theta, each.parameters)
 
     def candidates(self, usual: str) -> tuple[KindCandidate, ...]:
         """Every candidate with its note, the chosen one among them.
@@ -277,7 +286,7 @@ class _Judgement:
             The kind that is taken among equals.
         """
         sound = [k for k, note in enumerate(self.notes) if not note]
-        sizes = [complexity(each.kinds, each.theta, each.parameters) for each in self.found]
+        sizes = [self._size(each) for each in self.found]
         taken = min(
             sound,
             key=lambda k: (

@@ -9,8 +9,9 @@ from typing import Any
 from thermaltool.effects.effect import Effect, reference_of
 from thermaltool.effects.joint_contact import JointContact
 from thermaltool.fitting.discrepancy import MAX_OVER_NOISE, calibration_error
-from thermaltool.fitting.kind_candidate import LEFT_OUT
+from thermaltool.fitting.kind_candidate import LEFT_OUT, MORE_PARAMETERS, MORE_TIME_CONSTANTS
 from thermaltool.fitting.projection import surroundings
+from thermaltool.fitting.sound_kinds import DECISIVE
 from thermaltool.model import Model, Output, characteristics, to_document
 from thermaltool.report.presentation import duration, responses_table
 from thermaltool.report.text import aligned, listed, switched_between_rows
@@ -101,6 +102,7 @@ def calibration_warnings(model: Model) -> list[str]:
             )
     found += _surroundings(model)
     found += switched_between_rows({each.channel: each.hold for each in model.drives})
+    found += [sentence for output in model.outputs if (sentence := _likelier(output))]
     found += [_instants(o) for o in model.outputs if o.fit.get("instants")]
     if any(o.fit.get("free_start") for o in model.outputs):
         found.append(
@@ -152,6 +154,24 @@ def _surroundings(model: Model) -> list[str]:
             "to 1 are taken as known, and these logs do not speak against it"
         )
     return found
+
+
+def _likelier(output: Output) -> str:
+    """That a less simple kind is surely truer, if hardly nearer; empty where none is."""
+    tried = output.fit.get("candidates", ())
+    taken = next((each for each in tried if each["chosen"]), None)
+    others = [each for each in tried if each["note"] in (MORE_PARAMETERS, MORE_TIME_CONSTANTS)]
+    if taken is None or not others:
+        return ""
+    best = min(others, key=lambda each: float(each["criterion"]))
+    evidence = taken["criterion"] - best["criterion"]
+    if evidence <= DECISIVE:
+        return ""
+    return (
+        f'{output.channel}: "{best["label"]}" has decisive evidence beside "{taken["label"]}" '
+        f"({evidence:.0f}), which is taken since it comes about as near with less: gains and time "
+        "constants are those of the simpler kind, and the true ones may lie outside their intervals"
+    )
 
 
 def _instants(output: Output) -> str:

@@ -257,11 +257,12 @@ def _no_cause(document: Document) -> Iterator[str]:
                 f"{', but it does not help on unseen rows' if held else ''})."
             )
     elif tried:
-        names = {each["name"] for each in tried}
+        # A cause in another channel is another cause, as among those that are ruled out.
+        causes = {(each["name"], each["channel"]) for each in tried}
         adds = "is sure" if _suspected(document) else "adds anything"
         if any(each["verdict"] == "evidence" for each in tried):
             adds = "stands (one with evidence alone has none beside the start, or on unseen rows)"
-        yield f"No effect found: {len(names)} causes were tried and none {adds}."
+        yield f"No effect found: {len(causes)} causes were tried and none {adds}."
 
 
 def _suspected(document: Document) -> bool:

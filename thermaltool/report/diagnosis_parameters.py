@@ -5,6 +5,7 @@ from __future__ import annotations
 import re
 from collections.abc import Mapping, Sequence
 
+from thermaltool.effects.instant import INSTANTS
 from thermaltool.report.diagnosis_advice import moved_first
 from thermaltool.report.diagnosis_words import (
     Document,
@@ -34,7 +35,7 @@ def parameter_sentence(document: Document, cause: Document) -> str:
     cause : mapping
         One of its causes.
     """
-    parameters = cause["parameters"]
+    parameters = _from_the_first_row(document, cause)
     outputs = _outputs(parameters, moved_first(document, cause))
     if any(name.startswith("middle[") for name in parameters):
         return _loss(cause, parameters, outputs)
@@ -65,6 +66,20 @@ def _loss(cause: Document, parameters: Mapping[str, Document], outputs: Sequence
     place = cause["partner"] or "the place"
     line = f"each degree that {place} is warm moves in the long run {listed(said)}"
     return ", ".join([*(_told(name, parameters[name]) for name in further), line])
+
+
+def _from_the_first_row(document: Document, cause: Document) -> dict[str, Document]:
+    """The parameters; instants of a log count from its first row, not by its clock."""
+    begins = {log["sha256"]: log.get("begins_s", 0.0) for log in document["logs"]}
+    since = begins.get(cause["log"], 0.0)
+
+    def told(name: str, each: Document) -> Document:
+        if name not in INSTANTS or not since:
+            return each
+        interval = each["interval"] and [end - since for end in each["interval"]]
+        return {**each, "value": each["value"] - since, "interval": interval}
+
+    return {name: told(name, each) for name, each in cause["parameters"].items()}
 
 
 def _outputs(parameters: Mapping[str, Document], moved: Sequence[str]) -> list[str]:
