@@ -28,6 +28,7 @@ from thermaltool.diagnosis.simulation import SimulatedLogs
 from thermaltool.diagnosis.state import WITHIN_CALIBRATION, DiagnosisTask, SearchState
 from thermaltool.diagnosis.validate import judge
 from thermaltool.diagnosis.written import cannot_run, gains_of
+from thermaltool.record import Record
 
 # Causes that are named at most, and that are held out at each step before the search is given up:
 # the strongest, and others by what they have beyond their assumptions.
