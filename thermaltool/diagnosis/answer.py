@@ -121,7 +121,9 @@ def answer(task: DiagnosisTask, first: Hypothesis, search: SearchState) -> Diagn
     causes = [
         replace(
             c, severity=each,
-            action=action_of(c.effect, each, noise, c.location, begins.get(c.effect.log or "", 0.0)),
+            action=action_of(
+                c.effect, each, noise, c.location, begins.get(c.effect.log or "", 0.0)
+            ),
             elsewhere=_elsewhere(full, extended, c.effect, noise),
         )
         for c, each in zip(causes, moved, strict=True)
