@@ -146,6 +146,11 @@ class Held:
         """Of the worse axis [um]."""
         return float(np.sqrt(np.mean(self.deflections**2, axis=0)).max())
 
+    def largest_move(self, rows: int) -> float:
+        """Of a power within so many rows of the last third [W]."""
+        last = self.powers[2 * len(self.powers) // 3 :]
+        return max(float(np.ptp(last[i : i + rows], axis=0).max()) for i in range(len(last)))
+
     @property
     def saturated(self) -> float:
         """Share of the lines in which a limit keeps from the tolerance."""

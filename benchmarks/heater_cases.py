@@ -101,7 +101,7 @@ def staying(frame: ControlledFrame, ready: Path, count: int, seed: int) -> None:
     )
     head("method", "plants", "band um, median", "worst", "of free, worst", "grows um, median",
          "worst", "moves, median", "worst")  # fmt: skip
-    minute, end = round(60 / CYCLE), round(END / CYCLE)
+    end = round(END / CYCLE)
     for method in ("output-lqr", PLANNED):
         path, _ = controller(ready, FULL, method)
         rng = np.random.default_rng(seed)
@@ -113,8 +113,7 @@ def staying(frame: ControlledFrame, ready: Path, count: int, seed: int) -> None:
             found = []
             for k, each in enumerate(machines):
                 run = closed_loop(each, path, FAR, held_step(STAYS), seed + k, dt=CYCLE)
-                last = run.powers[2 * len(run.powers) // 3 :]
-                moved = max(np.ptp(last[i : i + minute], axis=0).max() for i in range(len(last)))
+                moved = run.largest_move(round(60 / CYCLE))
                 free = LEVEL * np.ptp(
                     each.step_responses(np.linspace(0, STAYS, 200))[:, -2:, 0], axis=0
                 )

@@ -224,9 +224,7 @@ def robust(bench: Bench, count: int, seed: int) -> None:
         for k in range(count):
             frame = varied(bench.frame, rng, corner=k % 2 == 0)
             run, _ = bench.run(method, levels, frame=frame)
-            last, end = run.powers[2 * len(run.powers) // 3 :], round(END / DT)
-            minute = round(60 / DT)
-            moved = max(np.ptp(last[i : i + minute], axis=0).max() for i in range(len(last)))
+            moved, end = run.largest_move(round(60 / DT)), round(END / DT)
             steps = frame.step_responses(np.array([REST + STEP - END, REST - END]))
             left = 0.5 * np.abs(steps[0, -2:, 0] - steps[1, -2:, 0]).max()
             found.append((run.until(STEP).band, np.abs(run.deflections[-end:]).max(), left,

@@ -1,10 +1,16 @@
 """A log from before the machine has changed says nothing against what is wrong now."""
 
+from dataclasses import replace
+from types import SimpleNamespace
+
 import numpy as np
 import pandas as pd
 import pytest
 
 import thermaltool as tt
+from thermaltool.diagnosis.search import _are_silent
+from thermaltool.effects import effect_class
+from thermaltool.record import Record
 
 PERIOD, ROWS = 30.0, 600
 
@@ -55,6 +61,32 @@ def test_a_sound_log_does_not_speak_against_what_is_new(model):
     document = found.document()
     assert document["validated_on"] == []
     assert len(document["sound"]) == 1
+
+
+def test_a_log_in_which_a_cause_is_never_there_says_nothing_of_it(model):
+    frame = machine(3)
+    pump = effect_class("second_source")("U_pump_1", {"gain[d_z_um]": 5.0, "time_constant": 600.0})
+    law = effect_class("drive_nonlinearity")("Q_heater_W", {"exponent": 1.2, "level": 200.0})
+
+    def silent(pumped, *known):
+        effects = (*known, pump)
+        search = SimpleNamespace(
+            causes=[SimpleNamespace(effect=pump)],
+            hypothesis=SimpleNamespace(
+                model=replace(model, effects=effects), white=lambda output: 0.1,
+                groups=dict.fromkeys(["T_column_degC", "d_z_um"]),
+            ),
+        )  # fmt: skip
+        columns = {name: frame[name].to_numpy(float) for name in frame if name != "time_s"}
+        return _are_silent(search, Record(frame["time_s"].to_numpy(), {**columns, **pumped}))
+
+    off, on = {"U_pump_1": np.zeros(ROWS)}, {"U_pump_1": (np.arange(ROWS) > 300).astype(float)}
+    assert silent(off)
+    assert not silent(on)
+    # What the model came with acts there, and is none of the causes.
+    assert silent(off, law)
+    # Without the column nothing says that it was off.
+    assert not silent({})
 
 
 def test_a_log_that_shows_the_same_stays_a_veto(model):

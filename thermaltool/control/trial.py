@@ -76,7 +76,6 @@ def tried_step(
     start = prediction.held(np.where(np.arange(len(levels)) == disturbance, levels, 0.0))
     dt = max(controller.period, duration / TRIAL_SAMPLES)
     time = np.arange(max(round(duration / dt), 1) + 1, dtype=float) * dt
-
     reach = dt * np.array([drive.slew for drive in controller.drives])
 
     def course(limited: bool) -> tuple[Float, Float, Float, float]:

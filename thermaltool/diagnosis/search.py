@@ -91,12 +91,14 @@ def searched(task: DiagnosisTask, start: SearchState) -> tuple[DiagnosisTask, Se
 def _are_silent(search: SearchState, log: Record) -> bool:
     """Whether the causes that are not of one log alone are some, and change nothing of another."""
     model, white = search.hypothesis.model, search.hypothesis.white
-    lasting = tuple(each for each in model.effects if each.log is None)
-    if not lasting:
+    lasting = {(c.effect.name, c.effect.channel) for c in search.causes if c.effect.log is None}
+    if not lasting or cannot_run(model, log) is not None:
         return False
+    # What the model came with acts there as it did.
+    rest = tuple(each for each in model.effects if (each.name, each.channel) not in lasting)
     without, beside = (
         SimulatedLogs(replace(model, effects=effects), (log,), {}).outputs[0]
-        for effects in ((), lasting)
+        for effects in (rest, model.effects)
     )
     return all(
         float(np.max(np.abs(beside[output] - without[output]))) < SILENT * white(output)

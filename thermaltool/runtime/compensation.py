@@ -283,8 +283,8 @@ def controlled_heaters(
     tops = {drive.channel: drive.maximum for drive in controller.drives}
     # A power is measured between nothing and full power, whatever the calibration has seen; what is
     # clearly below nothing is a meter whose sign is wrong.
-    powers = {channel: (-DEVIATION * top, 2 * top) for channel, top in tops.items()}
-    settings = replace(settings, ranges={**powers, **settings.ranges})
+    measurable = {channel: (-DEVIATION * top, 2 * top) for channel, top in tops.items()}
+    settings = replace(settings, ranges={**measurable, **settings.ranges})
     columns = [
         replace(each, calibrated=(0.0, tops[each.column])) if each.column in tops else each
         for each in pipeline.input_columns
