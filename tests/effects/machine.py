@@ -78,6 +78,7 @@ def scene(*logs):
         drives=(HEAT,),
         outputs=outputs,
         extra=tuple(c for c in logs[0].columns if c not in known),
+        unanswered={},
         acting_drives=tuple(acting_drives(machine, (), log) for log in logs),
         simulated=simulated,
         residual=tuple(

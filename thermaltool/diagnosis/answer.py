@@ -99,7 +99,7 @@ def answer(task: DiagnosisTask, first: Hypothesis, search: SearchState) -> Diagn
     causes = [told(*each) for each in zip(search.causes, written.gains, strict=True)]
     if unknown is not None:
         causes.append(unknown)
-    rests = None if causes or search.undecided else nothing_moves(first)
+    rests = None if causes or search.undecided else nothing_moves(first, budgets)
     if rests is not None:
         search = replace(search, undecided=rests)
     verdict = verdict_of(budgets, causes, search.undecided is not None)

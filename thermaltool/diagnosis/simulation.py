@@ -9,6 +9,7 @@ from functools import cached_property
 import numpy as np
 from numpy.typing import NDArray
 
+from thermaltool.diagnosis.correction import LagBank
 from thermaltool.diagnosis.slopes import ModelSlopes
 from thermaltool.effects.effect import Effect, Float, Scene, reference_of
 from thermaltool.errors import ModelError
@@ -360,11 +361,22 @@ class SimulatedLogs:
         known = {d.channel for d in self.model.drives} | {o.channel for o in self.model.outputs}
         used = {c for e in self.model.effects for c in e.needs()}
         beside = [c for c in self.logs[0].columns if c not in known | used]
+        answered = {
+            (term.drive, term.output)
+            for term in self.model.terms
+            if not isinstance(term.response, LagBank)
+        }
+        unanswered = {
+            d.channel: tuple(o for o in self.groups if (d.channel, o) not in answered)
+            for d in self.model.drives
+            if d.channel not in used and all(_moves(log, d.channel) for log in self.logs)
+        }
         return Scene(
             logs=self.logs,
             drives=tuple(d.channel for d in self.model.drives),
             outputs=tuple(self.groups),
             extra=tuple(c for c in beside if all(_moves(log, c) for log in self.logs)),
+            unanswered={drive: outputs for drive, outputs in unanswered.items() if outputs},
             acting_drives=tuple(self.inputs),
             simulated=tuple(self.outputs),
             residual=tuple(

@@ -69,7 +69,7 @@ def undecided(hypothesis: Hypothesis, budgets: Mapping[str, ResidualBudget]) -> 
     found = []
     for output, each in budgets.items():
         unit = printed(parse_channel(output).unit)
-        if each.allowed >= ADEQUATE_SHARE > each.accounted:
+        if _left_open(each):
             found.append(
                 f"{output}: the calibration leaves open {_most_open(hypothesis, output)}, which "
                 f"makes {np.sqrt(each.shown**2 - each.unexplained**2):.3g} {unit} in this log: "
@@ -89,16 +89,26 @@ def undecided(hypothesis: Hypothesis, budgets: Mapping[str, ResidualBudget]) -> 
     return tuple(found)
 
 
-def nothing_moves(hypothesis: Hypothesis) -> str | None:
+def _left_open(budget: ResidualBudget) -> bool:
+    """Whether a residual is explained, but only by what the calibration leaves open."""
+    return budget.allowed >= ADEQUATE_SHARE > budget.accounted
+
+
+def nothing_moves(hypothesis: Hypothesis, budgets: Mapping[str, ResidualBudget]) -> str | None:
     """Why logs in which the machine rests cannot judge a model; None where it moves.
 
-    It rests where a model without any response would not be told from this one.
+    It rests where a model without any response would not be told from this one, and no output moves
+    by what the calibration leaves open.
 
     Parameters
     ----------
     hypothesis : Hypothesis
         Without any cause.
+    budgets : mapping of output to ResidualBudget
+        Of the model as it came.
     """
+    if any(map(_left_open, budgets.values())):
+        return None
     visible = 0.0
     for output, groups in hypothesis.groups.items():
         # The zero of each log is free, and a steady state is a start against which no drive moves.

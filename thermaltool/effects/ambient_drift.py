@@ -7,7 +7,7 @@ from typing import ClassVar
 
 import numpy as np
 
-from thermaltool.effects.channels import air_is_logged, is_air
+from thermaltool.effects.channels import air_is_logged, is_air, unknown_channels
 from thermaltool.effects.dynamics import elapsed
 from thermaltool.effects.effect import Effect, Float, Memory, Parameter, Scene, reference_of
 from thermaltool.effects.source import HeatSource
@@ -84,7 +84,7 @@ class AmbientDrift(HeatSource):
 
     @classmethod
     def probes(cls, scene: Scene) -> Iterator[Effect]:
-        yield from cls.logged(scene, [c for c in scene.extra if is_air(c)])
+        yield from cls.logged(scene, [c for c in unknown_channels(scene) if is_air(c)])
         # One slow swing in a single output would be a sensor's.
         if air_is_logged(scene) or len(scene.outputs) < 2:
             return

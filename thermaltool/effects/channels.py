@@ -70,8 +70,18 @@ def is_possible_gain(source: str, output: str, gain: float) -> bool:
     return low <= gain <= high
 
 
+def unknown_channels(scene: Scene) -> tuple[str, ...]:
+    """Channels beside the model, and drives that it leaves out of an output.
+
+    Parameters
+    ----------
+    scene : Scene
+    """
+    return (*scene.extra, *scene.unanswered)
+
+
 def source_channels(scene: Scene) -> list[str]:
-    """Channels beside the model, neither air nor workpiece, with which heat may go.
+    """Unknown channels, neither air nor workpiece, with which heat may go.
 
     A displacement is no source, nor is a difference of two temperatures of the structure: both
     answer the heat that the model knows, and would explain a delay or a gain of it.
@@ -82,7 +92,7 @@ def source_channels(scene: Scene) -> list[str]:
     """
     return [
         c
-        for c in scene.extra
+        for c in unknown_channels(scene)
         if not (is_air(c) or is_part(c) or is_displacement(c))
         and parse_channel(c).dimension != "temperature difference"
     ]

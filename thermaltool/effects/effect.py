@@ -2,10 +2,9 @@
 
 An effect acts at one place of the model: on a drive before its terms (`Effect.drive`), on the
 rate at which heat is lost (`Effect.loss`) or at which everything goes (`Effect.pace`), or on
-outputs (`Effect.output`, `Effect.reading` for one alone). All are the identity unless a cause says
-otherwise, so a cause is one file that overrides what it changes, lists its parameters, and says in
-`probes` at which places and sizes it is worth a trial. A causal effect takes a record whole or row
-by row: what it has to know of the rows before is in `Memory`.
+outputs (`Effect.output`, `Effect.reading` for one). All are the identity unless a cause says so:
+it is one file that overrides what it changes, lists its parameters, and says in `probes` at which
+places and sizes it is worth a trial. A causal one takes a record whole or, with `Memory`, by rows.
 """
 
 from __future__ import annotations
@@ -28,8 +27,7 @@ Outputs = Mapping[str, Float]
 Memory = dict[str, Any] | None
 Side = Literal["drive", "state", "source", "structure", "sensor", "wiring"]
 
-# In place of a record, for effects that look at the value of the moment alone.
-STILL = Record(np.zeros(1), {})
+STILL = Record(np.zeros(1), {})  # for effects that look at the value of the moment alone
 NOBODY_LOGGED = 0.05  # odds of an accident of this very record, or of what nobody has logged
 # The order in which outputs pass: physics first, then what reads it, then who it is called.
 SIDES: tuple[Side, ...] = ("drive", "state", "source", "structure", "sensor", "wiring")
@@ -72,6 +70,7 @@ class Scene:
     logs : tuple of Record
     drives, outputs, extra : tuple of str
         Channels that drive the model, that it computes, and that are in every log beside it.
+    unanswered : mapping of drive to outputs in which the model has no response to it
     acting_drives : tuple of mapping, one for each log
         Each drive relative to its reference, ndarray (n,).
     simulated, residual : tuple of mapping, one for each log
@@ -86,6 +85,7 @@ class Scene:
     drives: tuple[str, ...]
     outputs: tuple[str, ...]
     extra: tuple[str, ...]
+    unanswered: Mapping[str, tuple[str, ...]]
     acting_drives: tuple[Mapping[str, Float], ...]
     simulated: tuple[Mapping[str, Float], ...]
     residual: tuple[Mapping[str, Float], ...]

@@ -76,7 +76,8 @@ class HeatSource(Effect, ABC):
         scene : Scene
         channels : sequence of str
         """
-        gains = {f"gain[{output}]": 1.0 for output in scene.outputs}
         for channel in channels:
+            without = scene.unanswered.get(channel, scene.outputs)
+            gains = {f"gain[{output}]": 1.0 for output in without}
             for tau in time_constants(scene.period, scene.duration):
                 yield cls(channel, {**gains, "time_constant": tau})

@@ -170,13 +170,15 @@ def _fitted(
             kinds, delays, near = list(taken.kinds), taken.delays, taken.theta
             equilibrium, common = taken.equilibrium, taken.common
         acting = [k for k, own in enumerate(kinds) if own != LEFT_OUT]
+        left_out = [k for k, own in enumerate(kinds) if own == LEFT_OUT]
         used, kinds = [drives[k] for k in acting], [kinds[k] for k in acting]
+        without = [drives[k] for k in left_out]
         fit = fit_output(
             records, used, channel, kinds, plan.fixed, plan.loss, plan.starts,
             plan.free_start, say, delays if any(delays) else None, states, between,
-            equilibrium, near_weights(tried, acting), near, common,
+            equilibrium, near_weights(tried, [*acting, *left_out]), near, common, without,
         )  # fmt: skip
-        outputs.append(_output(channel, role, fit, records, plan, used, tried))
+        outputs.append(_output(channel, role, fit, records, plan, [*used, *without], tried))
         terms += (
             Term(drive.channel, channel, fit.responses[k], *fit.response_covariance(k))
             for k, drive in enumerate(used)

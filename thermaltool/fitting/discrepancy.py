@@ -34,6 +34,8 @@ PARAMETER_MOVE = 0.003
 # A calibration that leaves more than this many times the noise of a reading has an error of
 # structure, and is no measure of what is wrong with a machine.
 MAX_OVER_NOISE = 5.0
+# Within so much of a reading's noise of the nearest all fits may be true, of one kind or another.
+AS_NEAR = 1.0
 # Instants at which kinds of response are compared; directions of their lags below this share of the
 # largest are rounding.
 SPREAD_INSTANTS, MIN_SPREAD_DIRECTION = 100, 1e-4
@@ -57,7 +59,8 @@ class Discrepancy:
     size : float
         Prior standard deviation of a lag's weight [unit of the output per lag at unit height].
     spread : ndarray, shape (m, q)
-        Weights of the lags by which m other kinds of response differ that come as near.
+        Weights of the lags by which m other fits differ that come as near: of other kinds of
+        response, or of one where drives share what they do in another way.
     """
 
     mean: Float
@@ -160,7 +163,7 @@ def discrepancy(
 def spread(
     rates: Float, lags: NDArray[np.int64], duration: float, others: Sequence[Float], own: Float
 ) -> Float:
-    """What other kinds of response differ by, as weights of lags, shape (m, drives · lags).
+    """What other fits differ by that come as near, as weights of lags, shape (m, drives · lags).
 
     Of rates slower than the longest record a log shows what the lags can stand for.
 
@@ -174,7 +177,7 @@ def spread(
     others : sequence of ndarray, shape (drives, n)
         Weights of the rates, of every drive.
     own : ndarray, shape (drives · n,)
-        Of the kinds that were fitted.
+        Of the fit that was taken.
     """
     time = np.geomspace(1 / rates[-1], duration, SPREAD_INSTANTS)
     steps = -np.expm1(-np.outer(time, rates))

@@ -6,8 +6,11 @@ from collections.abc import Sequence
 from dataclasses import asdict, dataclass, field, replace
 from typing import Any
 
+import numpy as np
+
 from thermaltool.fitting.candidate_data import MIN_EXCESS
 from thermaltool.fitting.projection import surroundings
+from thermaltool.fitting.sound_kinds import DECISIVE
 from thermaltool.model import Drive
 from thermaltool.responses.modes import Float
 
@@ -144,23 +147,28 @@ def denies_equilibrium(
     )
 
 
-def near_weights(tried: Sequence[KindCandidate], acting: Sequence[int]) -> list[Float]:
-    """Grid weights of what comes near, of the drives that act; none where one acts alone.
+def near_weights(tried: Sequence[KindCandidate], drives: Sequence[int]) -> list[Float]:
+    """Grid weights of what comes near; none where one drive moves alone.
 
     What several drives do together may be shared in other ways. A response to one is seen itself.
-    Those of the chosen kinds are among them, where a coarse search left them.
+    Those of the chosen kinds are among them, where a coarse search left them. Where these leave a
+    drive out, kinds of more parameters may give it anything: only those count that are not
+    decisively less likely.
 
     Parameters
     ----------
     tried : sequence of KindCandidate
-    acting : sequence of int
-        Drives by number.
+    drives : sequence of int
+        By number, in the order of the weights.
     """
-    taken = [each for each in tried if each.chosen]
+    taken = next((each for each in tried if each.chosen), None)
+    if taken is None or len(drives) < 2:
+        return []
+    most = taken.criterion + DECISIVE if LEFT_OUT in taken.kinds else np.inf
     return [
-        each.weights[acting]
+        each.weights[drives]
         for each in tried
-        if len(acting) > 1 and each.weights is not None and each.delays == taken[0].delays
+        if each.weights is not None and each.delays == taken.delays and each.criterion <= most
     ]
 
 

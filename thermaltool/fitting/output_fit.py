@@ -10,7 +10,7 @@ import numpy as np
 
 from thermaltool.errors import FitError, counted
 from thermaltool.fitting.covariance import block_covariance
-from thermaltool.fitting.discrepancy import Discrepancy, discrepancy, spread
+from thermaltool.fitting.discrepancy import AS_NEAR, Discrepancy, discrepancy, spread
 from thermaltool.fitting.instants import Instants, fitted_instants
 from thermaltool.fitting.parametrization import Parametrization
 from thermaltool.fitting.possible import CANCELLING_LOSS
@@ -25,6 +25,7 @@ from thermaltool.model import Drive, relative
 from thermaltool.record import Record
 from thermaltool.responses import Response, response_class
 from thermaltool.responses.modes import Float
+from thermaltool.signals.detrend import difference_sigma
 from thermaltool.signals.robust import robust_std
 
 Loss = Literal["linear", "huber"]
@@ -32,6 +33,8 @@ Loss = Literal["linear", "huber"]
 # Of the logarithm of a rate or shape that no row says anything of: a factor of 400 either way, at
 # 95 %.
 RATE_DEVIATION = 3.0
+# Ends of a search whose weights differ by less, as a share, are one.
+SAME_END = 1e-2
 # Residuals beyond this many robust standard deviations count linearly (Huber); their weights are
 # found anew at most so often, until none changes by more than this.
 HUBER_THRESHOLD, MAX_REWEIGHTINGS, WEIGHT_TOLERANCE = 2.5, 8, 1e-3
@@ -144,6 +147,7 @@ def fit_output(
     others: Sequence[Float] = (),
     near: Float | None = None,
     common: bool = False,
+    without: Sequence[Drive] = (),
 ) -> OutputFit:
     """Fit one output to its drives over all records at once.
 
@@ -177,11 +181,14 @@ def fit_output(
     equilibrium : bool
         See `CalibrationProblem.assemble`.
     others : sequence of ndarray, shape (drives, rates)
-        Grid weights of other kinds that come as near: what they differ by is not known.
+        Grid weights of other kinds that come as near: what they differ by is not known. Those of
+        `without` come last.
     near : ndarray, shape (searched,), optional
         Logarithms of rates and shapes from which the search starts, too.
     common : bool
         One kind whose rates all drives share.
+    without : sequence of Drive
+        Others that move, without a response: what they may do is part of the discrepancy.
 
     Raises
     ------
@@ -265,10 +272,41 @@ def fit_output(
         if np.max(np.abs(theta - before), initial=0.0) < WEIGHT_TOLERANCE:
             break
     lags = problem
-    if any(delays):
+    if any(delays) or without:
         # What a calibration knows beyond its kind is told of the drives as they are.
-        lags = CalibrationProblem.assemble(records, drives, output, free_start, (), states)
+        lags = CalibrationProblem.assemble(
+            records, [*drives, *without], output, free_start, (), states
+        )
+    if len(drives) > 1:
+        ends = [each for each in within if is_sound(each)]
+        shared = _shared_otherwise(search, theta, ends, triangle)
+        others = [*others, *(np.pad(each, ((0, len(without)), (0, 0))) for each in shared)]
     return _described(search, theta, triangle, weights, duration, rmses, lags, instants, others)
+
+
+def _shared_otherwise(
+    search: StartSearch, theta: Float, ends: Sequence[Float], triangle: Triangle
+) -> list[Float]:
+    """Grid weights of other ends of the search that leave no more than a reading's noise besides.
+
+    What several drives do together they may share in other ways, which the slopes at one end of
+    the search do not show.
+    """
+    own, problem = search.parametrization, search.problem
+
+    def fitted(end: Float) -> tuple[float, Float]:
+        left, linear = search.fitted(end, triangle)
+        weights = own.unit_weights(end, problem.grid) @ linear[: own.gains]
+        return float(np.mean(left**2)), weights.reshape(problem.drives, -1)
+
+    least, taken = fitted(theta)
+    noise = AS_NEAR * difference_sigma(search.fitted(theta, triangle)[0])
+    apart = [taken]
+    for size, weights in map(fitted, ends):
+        change = min(float(np.linalg.norm(weights - each)) for each in apart)
+        if size <= least + noise**2 and change > SAME_END * np.linalg.norm(taken):
+            apart.append(weights)
+    return apart[1:]
 
 
 def _huber_weights(residual: Float) -> Float | None:
@@ -320,7 +358,9 @@ def _described(
     n = len(problem.grid.rates)
     # Slower than the record is no shape: it would pass for any drift.
     lags = np.flatnonzero(problem.grid.rates >= 1 / duration)
-    bank = undelayed.design[:, np.concatenate([d * n + lags for d in range(problem.drives)])]
+    bank = undelayed.design[:, np.concatenate([d * n + lags for d in range(undelayed.drives)])]
+    own = np.zeros(undelayed.drives * n)
+    own[: problem.drives * n] = parametrization.unit_weights(theta, problem.grid) @ linear[:gains]
     variation = float(np.linalg.norm(problem.measured - np.mean(problem.measured)))
     share = float(np.linalg.norm(residual)) / variation if variation else 1.0
     return OutputFit(
@@ -346,13 +386,7 @@ def _described(
             jacobian[:, len(rates) + gains :],
             bank,
             np.append(np.ones(len(rates)), np.full(gains, np.max(np.abs(linear[:gains])))),
-            spread(
-                problem.grid.rates,
-                lags,
-                duration,
-                others,
-                parametrization.unit_weights(theta, problem.grid) @ linear[:gains],
-            ),
+            spread(problem.grid.rates, lags, duration, others, own),
         ),
         time_constants=tuple((1 / problem.grid.rates[lags]).tolist()),
         instants=0 if instants is None else instants.columns.shape[1],

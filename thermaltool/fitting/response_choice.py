@@ -16,6 +16,7 @@ import numpy as np
 
 from thermaltool.fitting.candidate_data import BLOCKS, MIN_EXCESS, CandidateData
 from thermaltool.fitting.dead_times import delayed_kinds
+from thermaltool.fitting.discrepancy import AS_NEAR
 from thermaltool.fitting.kind_candidate import (
     LEFT_OUT,
     MORE_PARAMETERS,
@@ -64,9 +65,7 @@ KINDS = (
 )
 # Fitted ones of a slab, which is tried where others ask for more.
 SLAB_PARAMETERS = 5
-# Within so much of a reading's noise of the nearest all kinds may be true (`Discrepancy.spread`),
-AS_NEAR = 1.0
-# ... and what speaks against a gain of one to the surroundings: an error as large as the noise.
+# What speaks against a gain of one to the surroundings: an error as large as the noise.
 MIN_AGAINST_EQUILIBRIUM = 1.0
 # A lag of the surroundings so many times the slowest of any heat is none of the same body.
 SLOWER_THAN_HEAT = 3.0

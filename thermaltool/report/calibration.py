@@ -6,13 +6,15 @@ from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
+import numpy as np
+
 from thermaltool.effects.effect import Effect, reference_of
 from thermaltool.effects.joint_contact import JointContact
 from thermaltool.fitting.discrepancy import MAX_OVER_NOISE, calibration_error
 from thermaltool.fitting.kind_candidate import LEFT_OUT, MORE_PARAMETERS, MORE_TIME_CONSTANTS
 from thermaltool.fitting.projection import surroundings
 from thermaltool.fitting.sound_kinds import DECISIVE
-from thermaltool.model import Model, Output, characteristics, to_document
+from thermaltool.model import Drive, Model, Output, characteristics, to_document
 from thermaltool.report.presentation import duration, responses_table
 from thermaltool.report.text import aligned, listed, switched_between_rows
 from thermaltool.signals.intervals import normal_estimate
@@ -97,8 +99,8 @@ def calibration_warnings(model: Model) -> list[str]:
     for output in model.outputs:
         for drive in _left_out(output, model):
             found.append(
-                f"{output.channel}: without {drive}: these logs show no response to it. To see "
-                f"one, change {drive} alone, while the other drives rest"
+                f"{output.channel}: without {drive.channel}: {_why_left_out(output, drive)}. "
+                f"To see one, change {drive.channel} alone, while the other drives rest"
             )
     found += _surroundings(model)
     found += switched_between_rows({each.channel: each.hold for each in model.drives})
@@ -265,14 +267,27 @@ def _law(effect: Effect, model: Model) -> str:
     )
 
 
-def _left_out(output: Output, model: Model) -> list[str]:
+def _left_out(output: Output, model: Model) -> list[Drive]:
     """Drives that the chosen kinds leave out."""
     kinds = output.chosen.get("kinds")
     if kinds is None:
         return []
-    return [
-        drive.channel for drive, kind in zip(model.drives, kinds, strict=True) if kind == LEFT_OUT
-    ]
+    return [drive for drive, kind in zip(model.drives, kinds, strict=True) if kind == LEFT_OUT]
+
+
+def _why_left_out(output: Output, drive: Drive) -> str:
+    """Whether no response was seen, or none apart from those to the other drives."""
+    known = output.fit["discrepancy"]
+    own = [k for k, (channel, _) in enumerate(known["lags"]) if channel == drive.channel]
+    spread = np.reshape(known["spread"], (-1, len(known["lags"])))[:, own].sum(axis=1)
+    gain = float(np.median(np.abs(spread))) if len(spread) else 0.0
+    if gain * np.ptp(drive.range) <= output.fit["noise"]:
+        return "these logs show no response to it"
+    per = f" per {unit}" if (unit := printed(parse_channel(drive.channel).unit)) else ""
+    return (
+        "it moves with the other drives, and these logs do not tell whose response is whose (its "
+        f"gain may be {gain:.2g} {printed(parse_channel(output.channel).unit)}{per})"
+    )
 
 
 def calibration_document(model: Model) -> dict[str, Any]:
