@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import os
 import subprocess
 import sys
 
@@ -90,3 +91,25 @@ def test_a_report_of_another_format_is_refused(thermaltool, tmp_path) -> None:
     assert result.code == 2
     assert "FILE.md" in result.err
     assert not report.exists()
+
+
+@pytest.mark.parametrize(("given", "threads"), [(None, "1"), ("2", "2")])
+def test_a_command_takes_one_thread_where_nobody_asks_for_more(given, threads):
+    """Read when numpy is loaded: on busy cores two threads wait for each other."""
+    code = (
+        "import os, sys\n"
+        "from thermaltool.cli import main\n"
+        "assert 'numpy' not in sys.modules\n"
+        "sys.argv = ['thermaltool', '--version']\n"
+        "try:\n"
+        "    main()\n"
+        "except SystemExit:\n"
+        "    print(os.environ['OMP_NUM_THREADS'], os.environ['OPENBLAS_NUM_THREADS'])\n"
+    )
+    names = ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS")
+    own = {name: value for name, value in os.environ.items() if name not in names}
+    own |= {} if given is None else dict.fromkeys(names, given)
+    done = subprocess.run(
+        [sys.executable, "-c", code], env=own, capture_output=True, text=True, check=True
+    )
+    assert done.stdout.splitlines()[-1] == f"{threads} {threads}"

@@ -194,6 +194,9 @@ def _with_variable(error: click.ClickException) -> click.ClickException:
 
 def main() -> None:
     """Entry point: every way out has its exit code and at most one line on stderr."""
+    # Small products and long sums: threads would only wait for each other. Read by numpy.
+    for variable in ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS"):
+        os.environ.setdefault(variable, "1")
     called = next((word for word in sys.argv[1:] if word in COMMANDS), "")
     end_by_signals(called)
     warnings.showwarning = _show_warning

@@ -83,7 +83,6 @@ def command(model: str, log: str, **options: Any) -> None:
     limits that it has. Here the safe setpoint is no power. So it is where MODEL is a controller of
     design: LOG has its sensors, and the mean power of each heater since the line before.
     """
-    shared.one_thread()
     from thermaltool.api.inputs import read_sealed
     from thermaltool.control.controller import HeaterController
     from thermaltool.runtime.compensation import controlled_heaters, heater_power, offsets

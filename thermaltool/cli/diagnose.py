@@ -82,7 +82,6 @@ def command(
     makes of it. JSON goes to stdout, the verdict to stderr. Exit 0 where the model is adequate, 3
     where it is not or -o would be worse, 4 where these logs cannot judge it.
     """
-    shared.one_thread()
     from thermaltool import api
     from thermaltool.api.result import silent
 

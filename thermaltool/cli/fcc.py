@@ -75,7 +75,6 @@ def command(log: str, channel: str, spindle: str | None, **options: Any) -> None
     of the actuator, forecast, and cancelled. Bad readings are bridged by the forecast; after --hold
     the safe command is written until good ones return, and it is also the last line.
     """
-    shared.one_thread()
     from thermaltool.runtime.fcc import ErrorModel, error_control
 
     settings = streaming.settings_of(

@@ -52,7 +52,6 @@ def command(log: str, order: tuple[int, int] | None, method: str, long_order: in
     x_t - m = sum ar_i (x_{t-i} - m) + a_t + sum ma_j a_{t-j}: what others write as -theta is ma.
     The table goes to stdout, the model to -o. Likelihood and criteria are exact for every method.
     """
-    shared.one_thread()
     from thermaltool import api
     from thermaltool.cli.messages import command_line, warn
     from thermaltool.cli.progress import terminal_progress

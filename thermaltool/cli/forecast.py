@@ -53,7 +53,6 @@ def command(model: str, log: str, stream: bool, output: str, quiet: int, **optio
     model that starts as fitted and learns on (recursive least squares); with --period LOG has no
     clock. A pause above --max-gap makes it forget the samples before.
     """
-    shared.one_thread()
     from thermaltool.documents import read_text
     from thermaltool.timeseries.model import loads
 

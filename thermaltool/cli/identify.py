@@ -96,7 +96,6 @@ def command(
     predicts them worse than their mean does, the exit code is 3. Outputs that follow an input of
     the same row are tried, and the output says where no linear model describes the data.
     """
-    shared.one_thread()
     from thermaltool import api
     from thermaltool.api.identification_arguments import check_arguments
 

@@ -47,7 +47,6 @@ def command(
     of the environment over all, and the largest within one hour and one day. Noise widens a range,
     which is taken off; 95 % intervals hold noise, and with --noise the drift of the probes.
     """
-    shared.one_thread()
     from thermaltool import api
     from thermaltool.documents import to_json, write_whole
     from thermaltool.report.style import figure_format, render

@@ -54,7 +54,6 @@ def command(
     and deflections. Logs take --drive and --sensor: time constants that all sensors share, from
     heating and cooling together, with intervals (95 %).
     """
-    shared.one_thread()
     from thermaltool import api
     from thermaltool.documents import write_json, write_whole
     from thermaltool.report.style import figure_format, render

@@ -43,7 +43,6 @@ def command(log: str, max_p: int, max_q: int, criterion: str, effort: float,
     grid often ones with nearly cancelling roots that describe a narrow line of the noise; BIC finds
     the order of a process more often.
     """
-    shared.one_thread()
     from thermaltool import api
     from thermaltool.cli.messages import warn
     from thermaltool.cli.progress import terminal_progress

@@ -77,7 +77,6 @@ def command(
     A body (one TOML file as for modes) in place of LOGS: where on it sensors belong, each of its
     heats switched at random, slowly and quickly.
     """
-    shared.one_thread()
     from thermaltool import api
     from thermaltool.documents import write_json, write_whole
     from thermaltool.report.style import figure_format, render

@@ -48,7 +48,6 @@ def command(
     of a Kalman filter on the log's own clock. Missing readings are left out one by one; a pause
     parts the record. Fits "simulated" are those of free runs of the model file from rest.
     """
-    shared.one_thread()
     from thermaltool import api
 
     shared.check_files(model_file, *logs, options["validate"], as_json=as_json)

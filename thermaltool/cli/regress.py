@@ -62,7 +62,6 @@ def command(
     terms are chosen on all rows of LOGS, those that judge among them; logs of --validate have no
     part in it. The model file has the raw sensors as drives.
     """
-    shared.one_thread()
     from thermaltool import api
     from thermaltool.documents import write_json
 

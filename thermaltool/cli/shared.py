@@ -146,12 +146,6 @@ log_options = together(table_options, nan_option)
 LOG_PARAMETERS = ("columns", "from_format", "max_gap", "duplicates", "faults", "nan_policy")
 
 
-def one_thread() -> None:
-    """Small products and long sums: threads would only wait. Read when numpy is loaded."""
-    for name in ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS"):
-        os.environ.setdefault(name, "1")
-
-
 def is_body(logs: Sequence[str], of_logs: Sequence[str]) -> bool:
     """Whether a body is declared, by one .toml file; UsageError beside options of logs.
 

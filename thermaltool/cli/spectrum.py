@@ -60,7 +60,6 @@ def command(
     are one line; intervals (95 %) hold whatever lies between the lines. The number of lines is
     that of the least BIC.
     """
-    shared.one_thread()
     from thermaltool import api
     from thermaltool.documents import write_json, write_whole
     from thermaltool.logs import write_table
