@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 import pandas as pd
 import pytest
@@ -142,6 +144,25 @@ def test_ends_of_a_search_that_come_as_near_are_all_possible(draw: int) -> None:
     """Twelve parameters for what four do: drives share the response in many ways."""
     (output,) = together(0.1, "deflection", draw).outputs
     assert len(output.fit["discrepancy"]["spread"])
+
+
+@pytest.mark.parametrize("is_drive", [False, True])
+def test_heat_of_an_unknown_channel_comes_by_two_lags(model: Model, is_drive: bool) -> None:
+    """As that of the drive does: a column beside the model, or a drive without a response."""
+    fan = np.repeat(np.append(0.0, np.random.default_rng(3).uniform(0, 1, 23)), 50)
+    if is_drive:
+        drive = replace(model.drives[0], channel="Q_fan_1")
+        model = replace(model, drives=(*model.drives, drive))
+    found = diagnose(
+        model, [log(machine(DUTY + 0.5 * fan, 9), "fan").with_columns({"Q_fan_1": fan})]
+    )
+    (cause,) = found.causes
+    assert (cause.effect.name, cause.effect.channel) == ("second_source", "Q_fan_1")
+    low, high = cause.intervals["gain[d_y_um]"]
+    assert low < 30 < high
+    assert high - low < 3
+    lags = [cause.effect.parameters[name] for name in ("time_constant", "slow_time_constant")]
+    np.testing.assert_allclose(lags, [150, 500], rtol=0.1)
 
 
 def test_what_a_log_shows_about_once_is_not_judged() -> None:

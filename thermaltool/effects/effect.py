@@ -283,9 +283,9 @@ class Effect:
         """
         return None
 
-    def path(self, output: str) -> tuple[float, float] | None:
-        """Gain and time constant [s] from `channel` to an output; None where nothing passes."""
-        return None
+    def paths(self, output: str) -> tuple[tuple[float, float], ...]:
+        """Gains and time constants [s] of the lags from `channel` to an output."""
+        return ()
 
     @property
     def lag(self) -> float:

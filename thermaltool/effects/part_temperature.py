@@ -41,9 +41,9 @@ class PartTemperature(Effect):
             return outputs[name]
         return outputs[name] + coefficient * from_rest(record, self.channel, memory)
 
-    def path(self, output: str) -> tuple[float, float] | None:
+    def paths(self, output: str) -> tuple[tuple[float, float], ...]:
         coefficient = self.parameters.get(f"coefficient[{output}]")
-        return None if coefficient is None else (coefficient, 0.0)
+        return () if coefficient is None else ((coefficient, 0.0),)
 
     @classmethod
     def probes(cls, scene: Scene) -> Iterator[Effect]:

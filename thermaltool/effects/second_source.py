@@ -47,6 +47,8 @@ class SecondSource(HeatSource):
     known: ClassVar = {
         "gain": Parameter("{output}/{channel}", linear=True),
         "time_constant": Parameter("s", low=0.0, high=1e6, log=True),
+        "slow_gain": Parameter("{output}/{channel}", linear=True),
+        "slow_time_constant": Parameter("s", low=0.0, high=1e6, log=True),
         "start": Parameter("s", low=0.0),
     }
 

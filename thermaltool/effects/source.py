@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from abc import ABC, abstractmethod
 from collections.abc import Iterator, Sequence
+from itertools import combinations
 from typing import ClassVar
 
 from thermaltool.effects.channels import MAX_TEMPERATURE_GAIN
@@ -12,10 +13,15 @@ from thermaltool.effects.effect import Effect, Float, Memory, Outputs, Scene, Si
 from thermaltool.record import Record
 from thermaltool.units import is_temperature
 
+# Time constants of which pairs are tried; how many times the other, and a sample period, the slower
+# of two is at least.
+TWO_LAGS, MIN_LAG_RATIO, MIN_SLOW = 5, 2.0, 10.0
+
 
 class HeatSource(Effect, ABC):
-    """A channel beside the drives moves outputs by `gain` through a first-order lag.
+    """A channel beside the drives moves outputs by `gain` in the end, through a first-order lag.
 
+    Or through two, as a machine with two modes moves: `slow_gain` of it through the slower.
     A source that nobody logged has no channel; what it does is the subclass's.
     """
 
@@ -32,10 +38,12 @@ class HeatSource(Effect, ABC):
     def output(self, name: str, outputs: Outputs, record: Record, memory: Memory = None) -> Float:
         if not self.channel:
             return outputs[name] + self.unlogged(name, record, memory)
-        if (followed := self.path(name)) is None:
-            return outputs[name]
-        gain, tau = followed
-        return outputs[name] + gain * warmed(record, self.channel, tau, memory)
+        found = outputs[name]
+        for gain, tau in self.paths(name):
+            # Each lag keeps its own last sample.
+            own = None if memory is None else memory.setdefault(f"after {tau} s", {})
+            found = found + gain * warmed(record, self.channel, tau, own)
+        return found
 
     @abstractmethod
     def unlogged(self, name: str, record: Record, memory: Memory = None) -> Float | float:
@@ -49,11 +57,15 @@ class HeatSource(Effect, ABC):
             As in `drive`.
         """
 
-    def path(self, output: str) -> tuple[float, float] | None:
+    def paths(self, output: str) -> tuple[tuple[float, float], ...]:
         gain = self.parameters.get(f"gain[{output}]")
         if gain is None or not self.channel:
-            return None
-        return gain, self.parameters["time_constant"]
+            return ()
+        tau, slow = self.parameters["time_constant"], self.parameters.get("slow_time_constant")
+        if slow is None:
+            return ((gain, tau),)
+        late = self.parameters[f"slow_gain[{output}]"]
+        return (gain - late, tau), (late, slow)
 
     def plausible(self, scene: Scene) -> bool:
         if self.channel and is_temperature(self.channel):
@@ -63,9 +75,16 @@ class HeatSource(Effect, ABC):
                 warms = base == "gain" and output is not None and is_temperature(output)
                 if warms and abs(value) > MAX_TEMPERATURE_GAIN:
                     return False
-        # What is felt only long after the record would be a trend.
-        slow = self.channel and self.parameters["time_constant"] > MAX_LAG_RECORDS * scene.duration
-        return super().plausible(scene) and not slow
+        if not self.channel:
+            return super().plausible(scene)
+        fast = self.parameters["time_constant"]
+        slow = self.parameters.get("slow_time_constant", fast)
+        # What is felt only long after the record would be a trend; of two lags that are nearly one,
+        # or too fast to be read, the weights run away.
+        late = slow > MAX_LAG_RECORDS * scene.duration
+        least = max(MIN_LAG_RATIO * fast, MIN_SLOW * scene.period)
+        one = "slow_time_constant" in self.parameters and slow < least
+        return super().plausible(scene) and not late and not one
 
     @classmethod
     def logged(cls, scene: Scene, channels: Sequence[str]) -> Iterator[Effect]:
@@ -81,3 +100,8 @@ class HeatSource(Effect, ABC):
             gains = {f"gain[{output}]": 1.0 for output in without}
             for tau in time_constants(scene.period, scene.duration):
                 yield cls(channel, {**gains, "time_constant": tau})
+            late = {f"slow_gain[{output}]": 1.0 for output in without}
+            pairs = combinations(time_constants(scene.period, scene.duration, TWO_LAGS), 2)
+            for tau, slow in pairs:
+                two = {"time_constant": tau, "slow_time_constant": slow}
+                yield cls(channel, {**gains, **late, **two})

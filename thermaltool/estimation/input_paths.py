@@ -87,7 +87,7 @@ class InputPaths:
 
     def _sources(self) -> Iterator[Effect]:
         for effect in permanent_effects(self.model):
-            reached = (effect.path(o) for o in (*self.sensors, *self.outputs))
+            reached = (effect.paths(o) for o in (*self.sensors, *self.outputs))
             if effect.side == "source" and any(reached):
                 yield effect
 
@@ -161,7 +161,7 @@ class InputPaths:
         for effect in self._sources():
             source = self.known.index(_source(effect))
             for k, target in enumerate(targets):
-                if (path := effect.path(target)) is not None:
+                for path in effect.paths(target):
                     paths.append((k, source, self._first_order(target, *path)))
         return (*paths, *self._of_joints(targets))
 

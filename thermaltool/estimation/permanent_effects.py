@@ -250,7 +250,7 @@ def check_supported(model: Model, measured: Sequence[str] = ()) -> tuple[str, ..
         elif effect.side == "source":
             if effect.partner is not None:
                 refuse(effect, f"not supported where heat is lost at one place, {effect.partner}")
-            if not any(effect.path(output) for output in roles):
+            if not any(effect.paths(output) for output in roles):
                 refuse(effect, "no column tells a stream of it")
         elif effect.side == "structure" and effect.joins:
             if channel not in roles or is_displacement(channel):

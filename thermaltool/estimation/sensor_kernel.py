@@ -122,7 +122,7 @@ def sensor_kernel(
         notes.append(
             f"{chosen}: ΔT is the truth behind the reading, as the model's effects have it"
         )
-    if measured or any(e.path(chosen) for e in permanent_effects(model)):
+    if measured or any(e.paths(chosen) for e in permanent_effects(model)):
         notes.append(f"{chosen}: ΔT is without what known columns add to it")
     return SensorKernel(chosen, kernel, kept, tuple(notes))
 
