@@ -18,10 +18,10 @@ HEAT, BEND, DT, TAU, GAIN, NOISE = "Q_main_W", "d_z_um", 20.0, 900.0, 0.4, 0.02
 TIME = DT * np.arange(900)
 
 
-def weakened(begins=0.0):
+def weakened(begins=0.0, gain=0.8):
     """A model, and a log in which the drive is weaker from 9400 s on, after a standstill."""
     heat = np.select([TIME < 2000, TIME < 5500, TIME < 9300, TIME < 14000], [60, 90, 0, 80], 40)
-    acting = heat * np.where(TIME >= 9400, 0.8, 1.0)
+    acting = heat * np.where(TIME >= 9400, gain, 1.0)
     bend, kept = np.zeros(len(TIME)), np.exp(-DT / TAU)
     for k in range(1, len(TIME)):
         bend[k] = kept * bend[k - 1] + GAIN * (1 - kept) * acting[k - 1]
@@ -54,3 +54,20 @@ def test_instants_are_told_from_the_first_row_where_the_clock_counts_from_1970()
     assert 9400.0 <= worst["start"] < worst["stop"] <= TIME[-1]
     assert re.search(r"\btime 9(39|40)\d s", found.table())
     assert re.search(r"worst from 2\.\d+ to \d\.\d+ h", found.table())
+
+
+@pytest.mark.parametrize("begins", [0.0, 1.772e9])
+@pytest.mark.parametrize("since", [0.0, 7200.0])
+def test_a_drift_is_told_from_the_instant_at_which_it_begins(begins, since):
+    model, log = weakened(begins, gain=1.0)
+    creeps = 0.5 * np.maximum(TIME - since, 0.0) / 3600.0
+    found = diagnose(model, [log.with_columns({BEND: log.columns[BEND] + creeps})])
+    (cause,) = found.causes
+    assert cause.effect.name == "sensor_drift"
+    low, high = cause.intervals["rate"]
+    assert low < 0.5 < high
+    assert high - low < 0.1
+    assert ("start" in cause.effect.parameters) == (since > 0)
+    if since:
+        low, high = cause.intervals["start"]
+        assert low < begins + since < high
