@@ -27,6 +27,7 @@ from thermaltool.cli import group
 from thermaltool.errors import LogError
 from thermaltool.logs import draft_map, read_log
 from thermaltool.logs.draft_clock import guess_clock
+from thermaltool.logs.draft_names import guess_channel
 
 
 @pytest.mark.parametrize("quick", [pytest.param(False, marks=pytest.mark.slow), True])
@@ -111,3 +112,16 @@ def test_a_clock_has_its_name_in_other_languages(name, unit):
     clock, _ = guess_clock({}, columns)
     assert (clock.column, clock.unit) == (name, unit)
     assert guess_clock({}, {"temps_bed": columns["T_bed"]}) is None
+
+
+@pytest.mark.parametrize(
+    ("name", "channel", "unit"),
+    [
+        ("air_F", "T_air_degC", "F"),
+        ("air_C", "T_air_degC", None),
+        ("Probe F", "d_Probe_F_um", None),
+    ],
+)
+def test_a_letter_behind_a_line_is_a_unit_and_one_behind_a_blank_an_axis(name, channel, unit):
+    found = guess_channel(name, "", np.array([70.0, 70.3, 71.0]))
+    assert (found.name, found.unit) == (channel, unit)

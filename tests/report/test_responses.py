@@ -16,6 +16,7 @@ from thermaltool.model import (
     characteristics,
     deviations,
 )
+from thermaltool.report.presentation import with_interval
 from thermaltool.report.responses import (
     draw_model,
     draw_step_responses,
@@ -25,6 +26,7 @@ from thermaltool.report.responses import (
 from thermaltool.responses.conduction import Conduction
 from thermaltool.responses.deflection import Deflection
 from thermaltool.responses.rational import rational_kind
+from thermaltool.signals.intervals import Estimate
 
 DEFLECTION = Deflection(A=50.0, a=0.005, B=20.0, b=0.002, D=-0.02, d=0.004)
 CONDUCTION = Conduction(K=3.5, a=0.3, alpha=0.004, r=0.7)
@@ -211,3 +213,9 @@ def test_bands_are_drawn_where_intervals_are_told():
         ]
         assert heights[rate] == told
     assert heights == {0.0: [False, True], 0.03: [False, False]}
+
+
+def test_a_narrow_interval_has_two_ends():
+    narrow = Estimate(240.03, 239.9, 240.1, "s")
+    assert with_interval(narrow) == "4 min (3.998 min to 4.002 min)"
+    assert with_interval(Estimate(150.0, 100.0, 240.0, "s")) == "2.5 min (100 s to 4 min)"

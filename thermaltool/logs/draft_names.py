@@ -120,7 +120,7 @@ def _split_unit(foreign: str, unit: str) -> tuple[str, str]:
         word = found[1].strip()
         # A letter behind a blank may be an axis: "Probe C", "Motor A".
         certain = pattern is _BRACKETED or len(word) > 1 or "/" in found[0]
-        certain |= found[0] in ("_C", "_K", "_V", "_W")
+        certain |= found[0] in ("_C", "_F", "_K", "_V", "_W")
         if certain and known_unit(word) is not None:
             return foreign[: found.start()], unit or word
     return foreign, unit

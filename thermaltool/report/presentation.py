@@ -28,6 +28,7 @@ from thermaltool.units import parse_channel, printed
 
 # From here on a time constant is told in minutes, and in hours [s].
 MINUTES_FROM, HOURS_FROM = 120.0, 7200.0
+MAX_DIGITS = 6  # of a time whose interval is narrow
 # Digits of the numbers in the JSON: the model file has all.
 DIGITS = 6
 # Of a line of compact JSON: of one with objects in it, and of one without.
@@ -202,20 +203,31 @@ def with_interval(constant: Estimate) -> str:
     """
     if not constant.high > constant.low:
         return duration(constant.value)
-    low, high = (duration(each) for each in (constant.low, constant.high))
-    return f"{duration(constant.value)} ({low} to {high})"
+    # As many digits as show that the ends are two.
+    for digits in range(3, MAX_DIGITS + 1):
+        value, low, high = (
+            duration(each, digits) for each in (constant.value, constant.low, constant.high)
+        )
+        if low != high:
+            break
+    return f"{value} ({low} to {high})"
 
 
-def duration(seconds: float) -> str:
-    """A time of three digits, in seconds, minutes or hours.
+def duration(seconds: float, digits: int = 3) -> str:
+    """A time in seconds, minutes or hours.
 
     Parameters
     ----------
     seconds : float [s]
+    digits : int
     """
     if abs(seconds) < MINUTES_FROM:
-        return f"{seconds:.3g} s"
-    return f"{seconds / 60:.3g} min" if seconds < HOURS_FROM else f"{seconds / 3600:.3g} h"
+        return f"{seconds:.{digits}g} s"
+    return (
+        f"{seconds / 60:.{digits}g} min"
+        if seconds < HOURS_FROM
+        else f"{seconds / 3600:.{digits}g} h"
+    )
 
 
 def _parameters(effect: Effect) -> dict[str, Estimate]:
