@@ -20,6 +20,8 @@ Rows = NDArray[np.bool_]
 
 # A step may differ from the period by this share of it before the clock counts as uneven.
 MAX_UNEVENNESS = 0.02
+# A clock of larger numbers counts from 1970 [s].
+SINCE_1970 = 5e8
 
 
 _SIDES: tuple[Literal["left", "right"], ...] = ("left", "right")
@@ -205,8 +207,14 @@ class Record:
         Raises
         ------
         LogError
-            Where no row is left.
+            Where no row is left, or a clock that counts from 1970 was taken to begin at zero.
         """
+        if start is not None and len(self) and 0 < start < SINCE_1970 < self.time[0]:
+            raise LogError(
+                f"its clock counts from 1970: {start:g} s into the log is a start of "
+                f"{self.time[0] + start:.10g} s",
+                self.name,
+            )
         low = 0 if start is None else int(np.searchsorted(self.time, start, side="left"))
         high = len(self) if stop is None else int(np.searchsorted(self.time, stop, side="right"))
         if low == 0 and high == len(self):

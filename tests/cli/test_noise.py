@@ -62,6 +62,16 @@ def test_channel_and_stretch(log):
         run(log, "--channel", "dT_pairs_K")
 
 
+def test_a_start_that_is_counted_from_the_first_row_of_a_clock_from_1970(tmp_path):
+    rows = "".join(f"{1772000000 + 2 * k},{k % 3}\n" for k in range(400))
+    (tmp_path / "epoch.csv").write_text("time_s,T_a_degC\n" + rows)
+    with pytest.raises(LogError, match=r"100 s into the log is a start of 1772000100 s$"):
+        run(tmp_path / "epoch.csv", "--start", 100)
+    result = run(tmp_path / "epoch.csv", "--start", 1772000100, "--json")
+    assert json.loads(result.stdout)["channels"]["T_a_degC"]["samples"] == 350
+
+
+
 @pytest.mark.parametrize("suffix", ["png", "svg", "pdf"])
 def test_figure(log, tmp_path, suffix):
     figure = tmp_path / f"noise.{suffix}"
