@@ -71,7 +71,6 @@ def test_a_start_that_is_counted_from_the_first_row_of_a_clock_from_1970(tmp_pat
     assert json.loads(result.stdout)["channels"]["T_a_degC"]["samples"] == 350
 
 
-
 @pytest.mark.parametrize("suffix", ["png", "svg", "pdf"])
 def test_figure(log, tmp_path, suffix):
     figure = tmp_path / f"noise.{suffix}"
