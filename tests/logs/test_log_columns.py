@@ -70,6 +70,43 @@ def test_half_mapped_is_refused(mapped, data) -> None:
         mapped(data, GERMAN.replace("skip = 1", "skip = 0").replace('";"', '","'))
 
 
+OPTIONAL = """
+[columns]
+bed = "T_bed_degC"
+pump = { name = "U_pump_V", optional = true }
+"""
+# Beside a quantity that needs what is optional.
+COMPUTED = """
+[columns]
+bed = "T_bed_degC"
+air = { name = "T_air_degC", optional = true }
+[computed]
+dT_bed_K = { difference = ["T_bed_degC", "T_air_degC"] }
+"""
+
+
+@pytest.mark.parametrize("given", ["pump", "U_pump_V", None])
+def test_a_column_that_some_logs_lack(mapped, given) -> None:
+    """Under its foreign name, in a log that has the map's names already, or not at all."""
+    bed = "T_bed_degC" if given == "U_pump_V" else "bed"
+    names = ",".join(filter(None, ["time_s", bed, given]))
+    log = f"{names}\n0,20,1\n1,21,0\n" if given else "time_s,bed\n0,20\n1,21\n"
+    read = mapped(log, OPTIONAL)
+    assert read.column("T_bed_degC").tolist() == [20, 21]
+    assert ("U_pump_V" in read.columns) == (given is not None)
+
+
+def test_what_is_computed_from_a_column_that_is_not_there_is_refused(mapped) -> None:
+    assert mapped("time_s,bed,air\n0,20,19\n1,21,19\n", COMPUTED).column("dT_bed_K")[1] == 2
+    with pytest.raises(LogError, match="T_air_degC"):
+        mapped("time_s,bed\n0,20\n1,21\n", COMPUTED)
+
+
+def test_optional_is_true_or_false(mapped) -> None:
+    with pytest.raises(LogError, match="optional is true or false"):
+        mapped("time_s,bed\n0,20\n", OPTIONAL.replace("true", '"yes"'))
+
+
 def test_rows_without_a_clock(mapped) -> None:
     log = mapped("U_a_V\n1\n2\n3\n", "[time]\nperiod = 0.08\n")
     np.testing.assert_allclose(log.time, [0, 0.08, 0.16], rtol=0, atol=1e-15)

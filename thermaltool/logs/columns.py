@@ -5,7 +5,7 @@ from __future__ import annotations
 import codecs
 import math
 import os
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
 from typing import Any, TypeAlias
 
@@ -54,7 +54,8 @@ class Clock:
 class Rename:
     """``name = scale * value + offset``
 
-    A value that is among `missing`, or outside `valid`, as it stands in the log, is none.
+    A value that is among `missing`, or outside `valid`, as it stands in the log, is none. A log may
+    lack an `optional` column.
     """
 
     name: str
@@ -62,6 +63,7 @@ class Rename:
     offset: float = 0.0
     valid: tuple[float, float] = (-math.inf, math.inf)
     missing: tuple[float, ...] = ()
+    optional: bool = False
 
     def of(self, values: Array) -> Array:
         """The channel, shape (n,), in the unit of its name; NaN where there is no value.
@@ -135,9 +137,10 @@ class ColumnMap:
         ----------
         names : iterable of str
         """
-        names, renames = {*names}, {k: r.name for k, r in self.columns.items() if r}
+        names, needed = {*names}, [*self._needed()]
+        renames = {k: r.name for k in needed if (r := self.columns[k])}
         clock = {*self.clock.columns} if self.clock else set()
-        if names >= {*self.columns} | clock:
+        if names >= {*needed} | clock:
             return False
         given = {*renames.values(), *(each.name for each in self.computed)}
         read = {k for k, own in renames.items() if k != own} - given
@@ -146,9 +149,16 @@ class ColumnMap:
     def check(self, names: Sequence[str], log: str) -> None:
         """Raise LogError where the map names a column that the log `names` does not have."""
         clock = self.clock.columns if self.clock else ()
-        for wanted in [*clock, *self.columns]:
+        for wanted in [*clock, *self._needed()]:
             if wanted not in names:
-                raise LogError(f"{log} has no column {wanted}{hint(wanted, names)}", self.file)
+                cure = "" if wanted in clock else "; optional = true in the map, where some lack it"
+                raise LogError(
+                    f"{log} has no column {wanted}{hint(wanted, names)}{cure}", self.file
+                )
+
+    def _needed(self) -> Iterator[str]:
+        """Columns that every log has."""
+        return (name for name, own in self.columns.items() if own is None or not own.optional)
 
 
 def read_map(source: Columns) -> ColumnMap:
@@ -258,9 +268,13 @@ def _rename(name: str, entry: Any) -> Rename | None:
         return Rename(parse_channel(entry).name)
     if not isinstance(entry, dict):
         raise _MapError(f"columns.{name} must be a name, a table with a name, or false")
-    _keys(f"columns.{name}", entry, ("name", "scale", "offset", "unit", "valid", "missing"))
+    _keys(
+        f"columns.{name}",
+        entry,
+        ("name", "scale", "offset", "unit", "valid", "missing", "optional"),
+    )
     # A column with limits alone keeps its name.
-    own = entry.get("name", name if {"valid", "missing"} & set(entry) else None)
+    own = entry.get("name", name if {"valid", "missing", "optional"} & set(entry) else None)
     channel = parse_channel(_typed(f"columns.{name}.name", own, str))
     scale, offset = (
         _number(f"columns.{name}.{key}", entry.get(key, default))
@@ -275,7 +289,10 @@ def _rename(name: str, entry: Any) -> Rename | None:
         scale, offset = linear[0] * scale, linear[0] * offset + linear[1]
     missing = _numbers(f"columns.{name}.missing", entry.get("missing", []))
     valid = _valid(f"columns.{name}.valid", entry)
-    return Rename(channel.name, scale, offset, valid, missing)
+    optional = entry.get("optional", False)
+    if not isinstance(optional, bool):
+        raise _MapError(f"columns.{name}.optional is true or false")
+    return Rename(channel.name, scale, offset, valid, missing, optional)
 
 
 def _valid(place: str, entry: Mapping[str, Any]) -> tuple[float, float]:
