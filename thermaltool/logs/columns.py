@@ -152,9 +152,8 @@ class ColumnMap:
         for wanted in [*clock, *self._needed()]:
             if wanted not in names:
                 cure = "" if wanted in clock else "; optional = true in the map, where some lack it"
-                raise LogError(
-                    f"{log} has no column {wanted}{hint(wanted, names)}{cure}", self.file
-                )
+                lacking = f"{log} has no column {wanted}{hint(wanted, names)}{cure}"
+                raise LogError(lacking, self.file)
 
     def _needed(self) -> Iterator[str]:
         """Columns that every log has."""
