@@ -10,6 +10,8 @@ import pytest
 
 import thermaltool as tt
 from thermaltool.diagnosis.diagnose import diagnose
+from thermaltool.diagnosis.experiments import _recurs
+from thermaltool.effects import effect_class
 from thermaltool.model import Drive, Model, Output, Term
 from thermaltool.record import Record
 from thermaltool.responses.rational import Rational1
@@ -71,3 +73,9 @@ def test_a_drift_is_told_from_the_instant_at_which_it_begins(begins, since):
     if since:
         low, high = cause.intervals["start"]
         assert low < begins + since < high
+
+
+def test_a_drift_that_began_in_one_log_does_not_begin_in_another():
+    drift = effect_class("sensor_drift")
+    assert _recurs(drift(BEND, {"rate": 1.0}, "log"))
+    assert not _recurs(drift(BEND, {"rate": 1.0, "start": 7200.0}, "log"))

@@ -21,7 +21,9 @@ def variants(name):
     """One probe of every form and place."""
     found = {}
     for effect in effect_class(name).probes(everywhere()):
-        found.setdefault((tuple(effect.parameters), effect.channel), effect)
+        # Not all of it by the slower of two lags.
+        share = {k: 0.3 for k in effect.parameters if k.startswith("slow_gain")}
+        found.setdefault((tuple(effect.parameters), effect.channel), effect.changed(share))
     return list(found.values())
 
 

@@ -125,3 +125,4 @@ def test_a_clock_has_its_name_in_other_languages(name, unit):
 def test_a_letter_behind_a_line_is_a_unit_and_one_behind_a_blank_an_axis(name, channel, unit):
     found = guess_channel(name, "", np.array([70.0, 70.3, 71.0]))
     assert (found.name, found.unit) == (channel, unit)
+    assert guess_channel("clamp_F", "", np.array([0.0, 812.0, 40.5])).name is None

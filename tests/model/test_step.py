@@ -239,6 +239,21 @@ def test_outputs_can_be_chosen():
     assert len(some.responses) == 1
 
 
+def test_a_state_that_is_kept_is_not_moved_by_later_rows():
+    lags = {f"gain[{X}]": 2.0, f"slow_gain[{X}]": 0.7}
+    taus = {"time_constant": 60.0, "slow_time_constant": 900.0}
+    model = machine(effect_class("second_source")(BEARING, {**lags, **taus}))
+    recursion, every = model.recursion(DIGEST), list(rows(log()))
+    recursion.start(*every[0])
+    for row in every[1:200]:
+        recursion.step(*row)
+    kept = recursion.state()
+    first = [recursion.step(*row)[X] for row in every[200:400]]
+    for _ in range(2):
+        recursion.resume(kept)
+        assert [recursion.step(*row)[X] for row in every[200:400]] == first
+
+
 def test_the_steady_state_and_what_comes():
     model = one_term(Rational2(3.0, 100.0, 1.0, 900.0, delay=40.0), "zero")
     recursion = ModelRecursion(model, horizon=300.0)

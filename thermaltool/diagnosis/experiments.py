@@ -23,6 +23,7 @@ from thermaltool.diagnosis.inputs import Experiment, library
 from thermaltool.diagnosis.limits import ExperimentLimits
 from thermaltool.diagnosis.simulation import Changes, Series, SimulatedLogs
 from thermaltool.effects.effect import Effect
+from thermaltool.effects.instant import INSTANTS
 from thermaltool.signals.likelihood import ColouredNoise
 
 # An input shows what it opens to this angle [deg].
@@ -214,7 +215,8 @@ def separating_experiment(
 
 def _recurs(effect: Effect) -> bool:
     """Whether a cause acts again in another log."""
-    return not effect.event and not (effect.log and not effect.channel)
+    began = any(name in INSTANTS for name in effect.parameters)
+    return not effect.event and not (effect.log and (began or not effect.channel))
 
 
 def _again(simulation: SimulatedLogs, effect: Effect, seen: Iterable[str]) -> list[Changes]:

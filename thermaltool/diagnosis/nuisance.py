@@ -298,7 +298,7 @@ class OutputNuisance:
         columns = as_readings(self.simulation, self.output, self.moves)
         root = _root(covariance, size)
         if spread := known.get("spread"):
-            # Which of several kinds of response is true the calibration could not tell.
+            # Which of several fits is true the calibration could not tell.
             differ = np.pad(np.array(spread), ((0, 0), (len(own), 0)))
             root = _root(root @ root.T + differ.T @ differ / len(differ), size, np.inf)
         changes = columns @ root

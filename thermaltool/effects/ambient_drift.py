@@ -20,7 +20,7 @@ MAX_AIR_GAIN, MAX_SWING = 1.2, 1.5
 
 
 class AmbientDrift(HeatSource):
-    """Outputs follow the air through a lag; where nobody logged it, one slow swing moves them.
+    """Outputs follow the air through one lag or two; one slow swing where nobody logged it.
 
     The swing has one course for all outputs, since there is one air, and a size for each. It is
     zero at the first row, as a machine at rest is.
@@ -69,7 +69,7 @@ class AmbientDrift(HeatSource):
                 continue
             # Nothing warms more than the air that warms it.
             warms = base == "gain" and is_temperature(output)
-            if warms and abs(value) > MAX_AIR_GAIN:
+            if warms and self.reached(output, value) > MAX_AIR_GAIN:
                 return False
             if base == "swing" and not self._seen(value, output, scene):
                 return False

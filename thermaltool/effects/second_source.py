@@ -20,7 +20,7 @@ MIN_START, MIN_LATER = 0.01, 0.3
 
 
 class SecondSource(HeatSource):
-    """A channel beside the drives warms the machine through a first-order lag.
+    """A channel beside the drives warms the machine through one first-order lag or two.
 
     A latent source has no channel: it is switched on at `start` in one log, and every output
     approaches `gain` (then in its own unit) with the time constant.

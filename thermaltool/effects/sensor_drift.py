@@ -53,7 +53,9 @@ class SensorDrift(Effect):
     def plausible(self, scene: Scene) -> bool:
         hours = scene.duration / HOUR
         if "start" in self.parameters:
-            times = next(log.time for log in scene.logs if log.digest == self.log)
+            times = next((log.time for log in scene.logs if log.digest == self.log), None)
+            if times is None:
+                return False
             start, margin = self.parameters["start"], MIN_SEEN * (times[-1] - times[0])
             if not times[0] + margin < start < times[-1] - margin:
                 return False

@@ -67,13 +67,23 @@ class HeatSource(Effect, ABC):
         late = self.parameters[f"slow_gain[{output}]"]
         return (gain - late, tau), (late, slow)
 
+    def reached(self, output: str | None, gain: float) -> float:
+        """Size of what an output follows: in the end, or by the faster lag before that.
+
+        Parameters
+        ----------
+        output : str
+        gain : float
+        """
+        return max(abs(gain), abs(gain - self.parameters.get(f"slow_gain[{output}]", 0.0)))
+
     def plausible(self, scene: Scene) -> bool:
         if self.channel and is_temperature(self.channel):
             for name, value in self.parameters.items():
                 base, output = reference_of(name)
                 # Nothing warms more than what warms it; the logged sensor may be on its far side.
                 warms = base == "gain" and output is not None and is_temperature(output)
-                if warms and abs(value) > MAX_TEMPERATURE_GAIN:
+                if warms and self.reached(output, value) > MAX_TEMPERATURE_GAIN:
                     return False
         if not self.channel:
             return super().plausible(scene)

@@ -153,7 +153,7 @@ def deflection_variance(
         rows = slice(first, first + ROWS_TOGETHER)
         variance[rows] = np.sum(np.square(columns[:, rows].T @ root), axis=1)
     if spread := known.get("spread"):
-        # Which of several kinds of response is true the calibration could not tell. Their median:
+        # Which of several fits is true the calibration could not tell. Their median:
         # one of them may go anywhere beyond what the calibration has seen.
         variance = variance + np.median(np.square(np.array(spread) @ columns[len(own) :]), axis=0)
     return np.asarray(variance)

@@ -34,7 +34,7 @@ Loss = Literal["linear", "huber"]
 # 95 %.
 RATE_DEVIATION = 3.0
 # Ends of a search whose weights differ by less, as a share, are one.
-SAME_END = 1e-2
+SAME_END = 0.1
 # Residuals beyond this many robust standard deviations count linearly (Huber); their weights are
 # found anew at most so often, until none changes by more than this.
 HUBER_THRESHOLD, MAX_REWEIGHTINGS, WEIGHT_TOLERANCE = 2.5, 8, 1e-3
@@ -277,10 +277,9 @@ def fit_output(
         lags = CalibrationProblem.assemble(
             records, [*drives, *without], output, free_start, (), states
         )
-    if len(drives) > 1:
+    if len(drives) > 1 and not without:
         ends = [each for each in within if is_sound(each)]
-        shared = _shared_otherwise(search, theta, ends, triangle)
-        others = [*others, *(np.pad(each, ((0, len(without)), (0, 0))) for each in shared)]
+        others = [*others, *_shared_otherwise(search, theta, ends, triangle)]
     return _described(search, theta, triangle, weights, duration, rmses, lags, instants, others)
 
 

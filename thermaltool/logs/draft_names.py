@@ -49,6 +49,7 @@ WORDS = (
 # Values that a temperature of a machine may have [degC], those without a word for it by far fewer.
 TEMPERATURES = (-60.0, 450.0)
 USUAL_TEMPERATURES = (5.0, 150.0)
+USUAL_FAHRENHEIT = (41.0, 302.0)  # where a name ends in _F: beyond, it is a force
 # A K of a value above this is no difference of temperatures [K].
 ABSOLUTE_KELVIN = 200.0
 # Unit and the words around it in a name: "T1 [°C]", "Temp (degF)", "Weg / mm", "Weg in mm".
@@ -88,6 +89,9 @@ def guess_channel(foreign: str, unit: str, values: Array) -> Guess:
     low, high = float(present.min()), float(present.max())
     span = f"values {low:g} to {high:g}"
     head, written = _split_unit(foreign, unit)
+    usual = USUAL_FAHRENHEIT[0] <= low <= high <= USUAL_FAHRENHEIT[1]
+    if foreign.endswith("_F") and not unit and not usual:
+        head, written = foreign, ""
     if written and (found := known_unit(written)) is not None and UNITS[found[0]][0] != "time":
         own = found[0]
         if own == "K" and high > ABSOLUTE_KELVIN:

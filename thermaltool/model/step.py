@@ -335,10 +335,7 @@ class ModelRecursion:
 
     def state(self) -> dict[str, Any]:
         """For `resume`, as JSON."""
-        memories = [
-            {name: np.asarray(kept).tolist() for name, kept in memory.items()}
-            for memory in self._memories()
-        ]
+        memories = [_snapshot(memory) for memory in self._memories()]
         return {
             "time_s": self._time,
             "inputs": self._inputs,
@@ -362,4 +359,12 @@ class ModelRecursion:
             dead_time.resume(kept)
         for memory, kept in zip(self._memories(), state["effects"], strict=True):
             memory.clear()
-            memory.update(kept)
+            memory.update(_snapshot(kept))
+
+
+def _snapshot(memory: Mapping[str, Any]) -> dict[str, Any]:
+    """What an effect keeps, as JSON that later rows do not change."""
+    return {
+        name: _snapshot(kept) if isinstance(kept, Mapping) else np.asarray(kept).tolist()
+        for name, kept in memory.items()
+    }

@@ -279,8 +279,9 @@ def _why_left_out(output: Output, drive: Drive) -> str:
     """Whether no response was seen, or none apart from those to the other drives."""
     known = output.fit["discrepancy"]
     own = [k for k, (channel, _) in enumerate(known["lags"]) if channel == drive.channel]
-    spread = np.reshape(known["spread"], (-1, len(known["lags"])))[:, own].sum(axis=1)
-    gain = float(np.median(np.abs(spread))) if len(spread) else 0.0
+    weights = np.reshape(known["spread"], (-1, len(known["lags"])))[:, own]
+    gains = np.abs(weights[np.any(weights, axis=1)].sum(axis=1))
+    gain = float(np.median(gains)) if len(gains) else 0.0
     if gain * np.ptp(drive.range) <= output.fit["noise"]:
         return "these logs show no response to it"
     per = f" per {unit}" if (unit := printed(parse_channel(drive.channel).unit)) else ""
