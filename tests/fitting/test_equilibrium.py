@@ -99,4 +99,7 @@ def test_kinds_that_come_as_near_widen_what_is_known():
     assert 0.001 < np.max(size) < 3.0
     plain = replace(PLAN, choose=False, kinds={OUTPUT: "rational2"})
     (given,) = calibrate([log_of(6, 1.0)], plain).outputs
-    assert given.fit["discrepancy"]["spread"] == []
+    # Beside a kind that is given stand other ends of its own search, which hardly differ.
+    ends = np.reshape(given.fit["discrepancy"]["spread"], (-1, len(lags)))
+    assert np.max(120.0 * np.abs(ends @ late), initial=0.0) < 0.1 * given.fit["noise"]
+    assert len(ends) < len(spread)
