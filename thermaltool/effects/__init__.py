@@ -107,7 +107,8 @@ def load_effect(document: Mapping[str, Any]) -> Effect:
     Raises
     ------
     ModelError
-        Unknown cause, or a parameter missing, unknown or not a finite number.
+        Unknown cause, a parameter missing, unknown or not a finite number, or a channel beside its
+        own that is no name.
     """
     cls = effect_class(document["name"])
     given = document["parameters"]
@@ -119,6 +120,9 @@ def load_effect(document: Mapping[str, Any]) -> Effect:
             raise ModelError(f"{cls.name}: no parameter {name} = {value:g}")
     covariance = document.get("covariance")
     further = {name: document[name] for name in cls.further if name in document}
+    for name, value in {"partner": document.get("partner"), **further}.items():
+        if not isinstance(value, str | None):
+            raise ModelError(f"{cls.name}: {name} is a name, not {value!r:.40}")
     return cls(
         document["channel"],
         parameters,
