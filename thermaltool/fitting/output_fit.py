@@ -293,17 +293,17 @@ def _shared_otherwise(
     """
     own, problem = search.parametrization, search.problem
 
-    def fitted(end: Float) -> tuple[float, Float]:
+    def fitted(end: Float) -> tuple[Float, Float]:
         left, linear = search.fitted(end, triangle)
         weights = own.unit_weights(end, problem.grid) @ linear[: own.gains]
-        return float(np.mean(left**2)), weights.reshape(problem.drives, -1)
+        return left, weights.reshape(problem.drives, -1)
 
     least, taken = fitted(theta)
-    noise = AS_NEAR * difference_sigma(search.fitted(theta, triangle)[0])
+    most = np.mean(least**2) + (AS_NEAR * difference_sigma(least)) ** 2
     apart = [taken]
-    for size, weights in map(fitted, ends):
+    for left, weights in map(fitted, ends):
         change = min(float(np.linalg.norm(weights - each)) for each in apart)
-        if size <= least + noise**2 and change > SAME_END * np.linalg.norm(taken):
+        if np.mean(left**2) <= most and change > SAME_END * np.linalg.norm(taken):
             apart.append(weights)
     return apart[1:]
 
