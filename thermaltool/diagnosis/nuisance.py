@@ -294,7 +294,7 @@ class OutputNuisance:
             covariance = np.array(known["covariance"])[np.ix_(order, order)]
             q = len(covariance) - len(own)
             at = np.append(at, np.zeros(q))
-            size = np.append(size, np.full(q, known["lag_sigma"]))
+            size = np.append(size, np.broadcast_to(known["lag_sigma"], q))
         columns = as_readings(self.simulation, self.output, self.moves)
         root = _root(covariance, size)
         if spread := known.get("spread"):

@@ -278,7 +278,7 @@ def _discrepancy(fit: OutputFit, drives: Sequence[str]) -> dict[str, Any]:
         "white_sigma": fit.discrepancy.white,
         "drift_sigma": fit.discrepancy.drift,
         "drift_time_s": fit.discrepancy.drift_time,
-        "lag_sigma": fit.discrepancy.size,
+        "lag_sigma": fit.discrepancy.size.tolist(),
     }
 
 

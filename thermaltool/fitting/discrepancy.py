@@ -18,14 +18,15 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from thermaltool.fitting.instants import Instants
 from thermaltool.record import Record
 from thermaltool.responses.modes import Float
 from thermaltool.signals.detrend import difference_sigma, find_outliers
 from thermaltool.signals.row_groups import RowGroups
 
-# Prior size of a lag's weight, in units of the white noise; drift over white, in variance; number
-# of time constants of the drift: the grid on which the marginal likelihood is compared.
-LAG_SIZES = (0.3, 1.0, 3.0, 10.0, 30.0, 100.0, 300.0, 1000.0)
+# Prior size of the most that a lag makes, in units of the white noise; drift over white, in
+# variance; number of time constants of the drift: the grid of the marginal likelihood.
+LAG_SIZES = (0.03, 0.1, 0.3, 1.0, 3.0, 10.0, 30.0, 100.0, 300.0, 1000.0)
 DRIFT_RATIOS = (0.0, 0.01, 0.03, 0.1, 0.3, 1.0, 3.0)
 DRIFT_TIMES = 5
 # Prior standard deviation of a parameter's move, over its size: its square is far below the noise,
@@ -56,11 +57,13 @@ class Discrepancy:
         Standard deviations of noise and of a discrepancy beside it [unit of the output].
     drift_time : float
         Time constant of the discrepancy [s].
-    size : float
-        Prior standard deviation of a lag's weight [unit of the output per lag at unit height].
+    size : ndarray, shape (q,)
+        Prior standard deviation of each lag's weight [unit of the output per unit of its drive].
     spread : ndarray, shape (m, q)
         Weights of the lags by which m other fits differ that come as near: of other kinds of
         response, or of one where drives share what they do in another way.
+    instants : ndarray, shape (s,)
+        How early each switch between the rows most likely is, over its standard deviation.
     """
 
     mean: Float
@@ -68,8 +71,9 @@ class Discrepancy:
     white: float
     drift: float
     drift_time: float
-    size: float
+    size: Float
     spread: Float
+    instants: Float
 
 
 def calibration_error(fit: Mapping[str, Any]) -> float:
@@ -95,6 +99,7 @@ def discrepancy(
     own: Float,
     free: Float,
     lags: Float,
+    instants: Instants | None,
     span: Float,
     spread: Float,
 ) -> Discrepancy:
@@ -106,30 +111,37 @@ def discrepancy(
     record : ndarray of int, shape (n,)
     residual : ndarray, shape (n,)
     own, free, lags : ndarray, shape (n, ·)
-        Sensitivities to the parameters, columns without a prior (offsets), and lags whose largest
-        value is one.
+        Sensitivities to the parameters, columns without a prior (offsets), and lags of the drives
+        in their units.
+    instants : Instants, optional
+        Of switches between the rows.
     span : ndarray, shape (p,)
         Size of each parameter (1 for a logarithm).
     spread : ndarray, shape (m, q)
         See `Discrepancy`.
     """
+    # The prior is one of what is seen, whatever the unit of a drive.
+    level = np.max(np.abs(lags), axis=0, initial=0.0)
+    level[level == 0] = 1.0
+    late = np.empty((len(residual), 0)) if instants is None else instants.columns
+    beside = residual if instants is None else instants.left(residual, np.ones(len(residual)))
     # What stands alone is no noise, and would pass for much of it.
     kept = np.concatenate(
         [
             np.flatnonzero(record == k)[~find_outliers(own_rows, difference_sigma(own_rows))]
             for k in np.unique(record)
-            for own_rows in [residual[record == k]]
+            for own_rows in [beside[record == k]]
         ]
     )
     time, record, residual = time[kept], record[kept], residual[kept]
-    own, free, lags = own[kept], free[kept], lags[kept]
+    own, free, lags, late = own[kept], free[kept], (lags / level)[kept], late[kept]
     members = [record == k for k in np.unique(record)]
     groups = RowGroups.of([Record(time[each], {}) for each in members])
     assert groups is not None
-    table = np.column_stack([residual, own, lags, free])
+    table = np.column_stack([residual, own, lags, late, free])
     rows, noise = groups.means([table[each] for each in members]), groups.noise
-    p, q = own.shape[1], lags.shape[1]
-    sigma = max(difference_sigma(residual), 1e-3 * float(np.std(residual)), 1e-12)
+    p, q, m = own.shape[1], lags.shape[1], late.shape[1]
+    sigma = max(difference_sigma(beside[kept]), 1e-3 * float(np.std(residual)), 1e-12)
     best = (np.inf, (0.0, 1.0), LAG_SIZES[0], sigma)
     taus = np.geomspace(5 * noise.period, max(noise.span / 2, 10 * noise.period), DRIFT_TIMES)
     for ratio in DRIFT_RATIOS:
@@ -137,26 +149,29 @@ def discrepancy(
             factor = noise.factor(ratio, float(tau))
             gram = rows.T @ factor.solve(rows)
             for size in LAG_SIZES:
-                value, white = _marginal(gram, factor.logdet, len(rows), p, q, size)
+                prior = _prior(len(gram) - 1, p, (q, size), (m, 1 / sigma))
+                value, white = _marginal(gram, factor.logdet, len(rows), prior)
                 if value < best[0]:
                     best = (value, (ratio, float(tau)), size, white)
     _, (ratio, tau), size, white = best
     gram = rows.T @ noise.factor(ratio, tau).solve(rows)
-    prior = _lag_prior(len(gram) - 1, p, q, size)
+    prior = _prior(len(gram) - 1, p, (q, size), (m, 1 / white))
     prior[:p] = (white / PARAMETER_MOVE) ** 2 / np.maximum(span, 1e-300) ** 2
     scaled, height = _scaled(gram, prior)
     known = np.linalg.pinv(scaled, rcond=MIN_DIRECTION, hermitian=True)
     inverse = np.asarray(known / np.outer(height, height), float)
-    keep = slice(0, p + q)
+    keep, moves = slice(0, p + q), slice(1, 1 + p + q)
     mean = inverse @ gram[1:, 0]
+    unit = np.append(np.ones(p), level)
     return Discrepancy(
-        mean[keep],
-        white**2 * inverse[keep, keep],
+        mean[keep] / unit,
+        white**2 * inverse[keep, keep] / np.outer(unit, unit),
         white,
         white * float(np.sqrt(ratio)),
         tau,
-        white * size,
+        white * size / level,
         spread,
+        _instants(np.delete(np.delete(gram, moves, 0), moves, 1), m, white),
     )
 
 
@@ -187,10 +202,22 @@ def spread(
     return np.asarray((differ @ steps.T @ inverse.T).reshape(len(others), len(here) * len(lags)))
 
 
-def _lag_prior(columns: int, p: int, q: int, size: float) -> Float:
-    """Prior information of the columns, shape (columns,): that of the q lags behind p others."""
-    prior = np.zeros(columns)
-    prior[p : p + q] = 1 / size**2
+def _instants(gram: Float, count: int, white: float) -> Float:
+    """The likeliest instants beside the fit as it stands, shape (count,): nothing else moves."""
+    scaled, height = _scaled(gram, _prior(len(gram) - 1, 0, (count, 1 / white)))
+    known = np.linalg.pinv(scaled, rcond=MIN_DIRECTION, hermitian=True)
+    return np.asarray((known @ (gram[1:, 0] / height) / height)[:count])
+
+
+def _prior(columns: int, p: int, *groups: tuple[int, float]) -> Float:
+    """Prior information of the columns, shape (columns,): p without any, then groups of one size.
+
+    The information is over that of a row; sizes are prior standard deviations over its noise.
+    """
+    prior, start = np.zeros(columns), p
+    for count, size in groups:
+        prior[start : start + count] = 1 / size**2
+        start += count
     return prior
 
 
@@ -202,19 +229,17 @@ def _scaled(gram: Float, prior: Float) -> tuple[Float, Float]:
     return information / np.outer(height, height), height
 
 
-def _marginal(
-    gram: Float, logdet: float, n: int, p: int, q: int, size: float
-) -> tuple[float, float]:
-    """Negative log marginal likelihood, and white noise, for one prior size of the lags."""
-    prior = _lag_prior(len(gram) - 1, p, q, size)
+def _marginal(gram: Float, logdet: float, n: int, prior: Float) -> tuple[float, float]:
+    """Negative log marginal likelihood, and white noise, for one prior of the columns."""
     scaled, height = _scaled(gram, prior)
     pull = gram[1:, 0] / height
     values, vectors = np.linalg.eigh(scaled)
     seen = values > MIN_DIRECTION * values[-1]
     explained = float(np.sum((pull @ vectors[:, seen]) ** 2 / values[seen]))
     square = max(float(gram[0, 0]) - explained, 1e-300)
-    dof = max(n - (len(prior) - q), 1)
+    held = prior > 0
+    dof = max(n - int(np.sum(~held)), 1)
     occam = float(np.sum(np.log(np.maximum(values, MIN_DIRECTION))))
     occam += 2 * float(np.sum(np.log(height)))
-    occam -= float(np.sum(np.log(prior[p : p + q])))
+    occam -= float(np.sum(np.log(prior[held])))
     return 0.5 * (dof * np.log(square / dof) + logdet + occam), float(np.sqrt(square / dof))

@@ -334,10 +334,9 @@ def _described(
     names = parametrization.names()
     jacobian = problem.jacobian(parametrization, theta, linear)
     prior = np.append(np.full(len(theta), RATE_DEVIATION), np.full(len(linear), np.inf))
-    rows, beside = (jacobian, residual), residual
+    rows = (jacobian, residual)
     if instants is not None:
         rows = (instants.whitened(jacobian), instants.whitened(residual))
-        beside = instants.left(residual, weights)
     known = None
     if len(problem.known):
         known = problem.known_jacobian(parametrization, theta, linear)
@@ -362,6 +361,18 @@ def _described(
     own[: problem.drives * n] = parametrization.unit_weights(theta, problem.grid) @ linear[:gains]
     variation = float(np.linalg.norm(problem.measured - np.mean(problem.measured)))
     share = float(np.linalg.norm(residual)) / variation if variation else 1.0
+    slack = discrepancy(
+        problem.time,
+        problem.record,
+        residual,
+        jacobian[:, : len(rates) + gains],
+        jacobian[:, len(rates) + gains :],
+        bank,
+        instants,
+        np.append(np.ones(len(rates)), np.full(gains, np.max(np.abs(linear[:gains])))),
+        spread(problem.grid.rates, lags, duration, others, own),
+    )
+    beside = residual if instants is None else residual - instants.columns @ slack.instants
     return OutputFit(
         responses=responses,
         names=(*apart.names(), *(f"offset[{k}]" for k in range(problem.records))),
@@ -377,16 +388,7 @@ def _described(
         ),
         starts=starts,
         covered=duration / max(response.slowest() for response in responses),
-        discrepancy=discrepancy(
-            problem.time,
-            problem.record,
-            beside,
-            jacobian[:, : len(rates) + gains],
-            jacobian[:, len(rates) + gains :],
-            bank,
-            np.append(np.ones(len(rates)), np.full(gains, np.max(np.abs(linear[:gains])))),
-            spread(problem.grid.rates, lags, duration, others, own),
-        ),
+        discrepancy=slack,
         time_constants=tuple((1 / problem.grid.rates[lags]).tolist()),
         instants=0 if instants is None else instants.columns.shape[1],
         rmse_instants=None if instants is None else float(np.sqrt(np.mean(beside**2))),
