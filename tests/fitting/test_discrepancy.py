@@ -1,0 +1,66 @@
+"""What a calibration knows beyond its kind of response, on plants that are computed exactly."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from thermaltool.fitting.calibrate import calibrate
+from thermaltool.fitting.calibration_plan import CalibrationPlan
+from thermaltool.record import Record
+
+OUTPUT, NOISE = "dT_a_K", 0.01
+LAGS = ((0.06, 90.0), (0.1, 1100.0))  # gain [K/W], time constant [s]
+
+
+def log_of(seed, heat="Q_main_W", unit=1.0, between=False, wander=0.0):
+    """Two lags under steps, at the rows or between them; beside them what wanders slowly [K]."""
+    generator = np.random.default_rng(seed)
+    time = 15.0 * np.arange(1200)
+    at = np.sort(generator.uniform(200.0, time[-1], 40))
+    if not between:
+        at = time[np.unique(np.searchsorted(time, at))]
+    change = np.diff(generator.choice([0.0, 50.0, 100.0], len(at)), prepend=0.0)
+    since = time[:, None] - at
+    on = np.where(since >= 0, since, np.nan)
+    y = sum(np.nansum(change * gain * -np.expm1(-on / tau), axis=1) for gain, tau in LAGS)
+    phase = 2 * np.pi * (time[:, None] / np.array([11000.0, 7300.0]) + generator.random(2))
+    y = y + wander * np.sin(phase).sum(axis=1) + NOISE * generator.standard_normal(len(time))
+    level = unit * np.nansum(change * (on >= 0), axis=1)
+    return Record(time, {heat: level, OUTPUT: y}, digest="log")
+
+
+def known_of(log, heat, kind):
+    plan = CalibrationPlan((heat,), (OUTPUT,), kinds={OUTPUT: kind}, choose=True, linear=True)
+    fit = calibrate([log], plan).outputs[0].fit
+    return fit, fit["discrepancy"]
+
+
+@pytest.mark.parametrize("kind", ["rational1", "rational2"])
+def test_what_is_known_beyond_a_kind_does_not_depend_on_the_unit_of_a_drive(kind):
+    found = []
+    for heat, unit in (("Q_main_W", 1.0), ("Q_main_kW", 1e-3)):
+        _, known = known_of(log_of(1, heat, unit), heat, kind)
+        lags = slice(len(known["parameters"]), None)
+        # By how much each lag moves the output at the largest heat: most likely, and how surely.
+        largest = 100.0 * unit
+        moves = largest * np.array(known["mean"])[lags]
+        spread = largest * np.sqrt(np.diag(known["covariance"])[lags])
+        found.append((known["white_sigma"], known["drift_sigma"], moves, spread))
+    for one, other in zip(*found, strict=True):
+        assert other == pytest.approx(one, rel=1e-3, abs=1e-4)
+    # A kind that is true leaves no more open than a reading's noise.
+    assert bool(np.max(found[0][3]) < NOISE) == (kind == "rational2")
+
+
+@pytest.mark.parametrize("seed", range(3))
+def test_instants_leave_a_slow_drift_its_part(seed):
+    """Not taken for instants of switches, of which each has a tail as slow as the response."""
+    wander = 0.03  # a standard deviation [K]
+    fit, known = known_of(log_of(seed, between=True, wander=wander), "Q_main_W", "rational2")
+    left = float(np.hypot(wander, NOISE))
+    assert fit["instants"]["rmse"] == pytest.approx(left, rel=0.2)
+    assert fit["instants"]["rmse"] < fit["instants"]["rmse_without"]
+    assert known["white_sigma"] == pytest.approx(NOISE, rel=0.1)
+    # Periods of 7300 and 11000 s.
+    assert 500.0 < known["drift_time_s"] < 5000.0 and known["drift_sigma"] > 0.5 * wander
