@@ -359,11 +359,13 @@ def shortlist(
 
 
 def _of_each_form(candidates: Sequence[CauseCandidate]) -> list[CauseCandidate]:
-    """The first of every form of a cause, few of one name."""
+    """The first of every form of a cause, few of one name; one more where all are of one place."""
     chosen: list[CauseCandidate] = []
     for c in candidates:
         same = [x for x in chosen if x.effect.name == c.effect.name]
-        if len(same) < MAX_OF_A_NAME and c.form not in [x.form for x in chosen]:
+        places = {x.place for x in same}
+        most = MAX_OF_A_NAME + (len(places) == 1 and c.place not in places)
+        if len(same) < most and c.form not in [x.form for x in chosen]:
             chosen.append(c)
     return chosen
 
@@ -392,7 +394,7 @@ def plain_forms_first(candidates: Sequence[CauseCandidate]) -> list[CauseCandida
     return result
 
 
-def _rank(candidate: CauseCandidate) -> int:
-    """Place of its first parameter among those that the cause knows."""
-    known = list(candidate.effect.known)
-    return min((known.index(reference_of(n)[0]) for n in candidate.effect.searched()), default=0)
+def _rank(candidate: CauseCandidate) -> tuple[int, int]:
+    """Place of its first parameter among those that the cause knows, and how many it searches."""
+    known, searched = list(candidate.effect.known), candidate.effect.searched()
+    return min((known.index(reference_of(n)[0]) for n in searched), default=0), len(searched)

@@ -29,9 +29,10 @@ from thermaltool.signals.row_groups import RowGroups
 LAG_SIZES = (0.03, 0.1, 0.3, 1.0, 3.0, 10.0, 30.0, 100.0, 300.0, 1000.0)
 DRIFT_RATIOS = (0.0, 0.01, 0.03, 0.1, 0.3, 1.0, 3.0)
 DRIFT_TIMES = 5
-# Prior standard deviation of a parameter's move, over its size: its square is far below the noise,
-# so that moves stay within what is linear; the lags say the rest.
-PARAMETER_MOVE = 0.003
+# Prior standard deviation of a parameter's move: so many times what the noise leaves open of it,
+# but no less than the first and no more than the second share of its size, so that moves stay
+# within what is linear; the lags say the rest.
+MOVE_ERRORS, PARAMETER_MOVES = 3.0, (0.003, 0.3)
 # A calibration that leaves more than this many times the noise of a reading has an error of
 # structure, and is no measure of what is wrong with a machine.
 MAX_OVER_NOISE = 5.0
@@ -156,11 +157,14 @@ def discrepancy(
     _, (ratio, tau), size, white = best
     gram = rows.T @ noise.factor(ratio, tau).solve(rows)
     prior = _prior(len(gram) - 1, p, (q, size), (m, 1 / white))
-    prior[:p] = (white / PARAMETER_MOVE) ** 2 / np.maximum(span, 1e-300) ** 2
-    scaled, height = _scaled(gram, prior)
-    known = np.linalg.pinv(scaled, rcond=MIN_DIRECTION, hermitian=True)
-    inverse = np.asarray(known / np.outer(height, height), float)
-    keep, moves = slice(0, p + q), slice(1, 1 + p + q)
+    # Beside no lags: what the noise alone leaves open of the parameters stays open beside them.
+    lagless = np.delete(np.arange(len(gram)), slice(1 + p, 1 + p + q))
+    bare = _inverse(gram[np.ix_(lagless, lagless)], np.delete(prior, slice(p, p + q)))
+    errors = white * np.sqrt(np.maximum(np.diag(bare)[:p], 0.0)) / np.maximum(span, 1e-300)
+    moves = np.clip(MOVE_ERRORS * errors, *PARAMETER_MOVES)
+    prior[:p] = (white / moves) ** 2 / np.maximum(span, 1e-300) ** 2
+    inverse = _inverse(gram, prior)
+    keep, fit = slice(0, p + q), slice(1, 1 + p + q)
     mean = inverse @ gram[1:, 0]
     unit = np.append(np.ones(p), level)
     return Discrepancy(
@@ -171,7 +175,7 @@ def discrepancy(
         tau,
         white * size / level,
         spread,
-        _instants(np.delete(np.delete(gram, moves, 0), moves, 1), m, white),
+        _instants(np.delete(np.delete(gram, fit, 0), fit, 1), m, white),
     )
 
 
@@ -204,9 +208,8 @@ def spread(
 
 def _instants(gram: Float, count: int, white: float) -> Float:
     """The likeliest instants beside the fit as it stands, shape (count,): nothing else moves."""
-    scaled, height = _scaled(gram, _prior(len(gram) - 1, 0, (count, 1 / white)))
-    known = np.linalg.pinv(scaled, rcond=MIN_DIRECTION, hermitian=True)
-    return np.asarray((known @ (gram[1:, 0] / height) / height)[:count])
+    inverse = _inverse(gram, _prior(len(gram) - 1, 0, (count, 1 / white)))
+    return np.asarray((inverse @ gram[1:, 0])[:count])
 
 
 def _prior(columns: int, p: int, *groups: tuple[int, float]) -> Float:
@@ -227,6 +230,13 @@ def _scaled(gram: Float, prior: Float) -> tuple[Float, Float]:
     height = np.sqrt(np.diag(information))
     height[height == 0] = 1.0
     return information / np.outer(height, height), height
+
+
+def _inverse(gram: Float, prior: Float) -> Float:
+    """Inverse of the information of the columns with the prior."""
+    scaled, height = _scaled(gram, prior)
+    known = np.linalg.pinv(scaled, rcond=MIN_DIRECTION, hermitian=True)
+    return np.asarray(known / np.outer(height, height), float)
 
 
 def _marginal(gram: Float, logdet: float, n: int, prior: Float) -> tuple[float, float]:
