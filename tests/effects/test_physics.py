@@ -628,3 +628,14 @@ def test_nothing_warms_more_than_what_warms_it():
     assert not lid(-7.6).plausible(place)
     lamp = make("second_source", "Q_lamp_W", time_constant=900.0, **{f"gain[{COLUMN}]": 7.6})
     assert lamp.plausible(place)
+
+
+def test_air_does_not_bend_a_machine_far_more_than_its_own_heat_does():
+    place = scene(columns())
+
+    def follows(gain):
+        return make("ambient_drift", AIR, time_constant=900.0, **{f"gain[{Y}]": gain})
+
+    own = place.reach(Y) / place.reach(COLUMN)  # [um/K]
+    assert follows(9.0 * own).plausible(place)
+    assert not follows(-11.0 * own).plausible(place)

@@ -12,7 +12,12 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from thermaltool.diagnosis.evidence import Assumptions, NullFit, ProjectedProducts
+from thermaltool.diagnosis.evidence import (
+    DECISIVE_EVIDENCE,
+    Assumptions,
+    NullFit,
+    ProjectedProducts,
+)
 from thermaltool.diagnosis.hypothesis import Hypothesis
 from thermaltool.diagnosis.simulation import Changes
 from thermaltool.effects.effect import Effect, Float, reference_of
@@ -119,13 +124,15 @@ def score(
         given = np.ones(len(amplitudes)) if fixed and amplitudes == [""] else None
         result = profile(list(products.values()), len(amplitudes), given)
         separate = [reference_of(name)[1] for name in amplitudes]
-        # An output with amplitudes of its own has to pay for them.
+        # An output with amplitudes of its own has to pay for them, and where a cause stands only
+        # with several of them each has to be sure.
+        sure = DECISIVE_EVIDENCE if effect.everywhere else 0.0
         idle = [
             o
             for o, gain in zip(outputs, result.gains, strict=True)
             if o in separate
             and len(products) > 1
-            and 2 * gain < len(products[o].amplitudes) * np.log(hypothesis.groups[o].count)
+            and 2 * gain < len(products[o].amplitudes) * np.log(hypothesis.groups[o].count) + sure
         ]
         if not idle:
             break

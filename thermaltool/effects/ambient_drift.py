@@ -14,9 +14,10 @@ from thermaltool.effects.source import HeatSource
 from thermaltool.record import Record
 from thermaltool.units import is_temperature
 
-# Temperature of the structure for one of the air at most, with what a sensor may be off by; and a
+# Temperature of the structure for one of the air at most, with what a sensor may be off by; a
+# displacement for one, over what it is for one of the hottest sensor as the drives warm it; and a
 # swing over what a log shows of it.
-MAX_AIR_GAIN, MAX_SWING = 1.2, 1.5
+MAX_AIR_GAIN, MAX_AIR_GROWTH, MAX_SWING = 1.2, 10.0, 1.5
 
 
 class AmbientDrift(HeatSource):
@@ -67,13 +68,19 @@ class AmbientDrift(HeatSource):
             base, output = reference_of(name)
             if not output:
                 continue
-            # Nothing warms more than the air that warms it.
-            warms = base == "gain" and is_temperature(output)
-            if warms and self.reached(output, value) > MAX_AIR_GAIN:
+            if base == "gain" and self.reached(output, value) > self._largest(output, scene):
                 return False
             if base == "swing" and not self._seen(value, output, scene):
                 return False
         return super().plausible(scene)
+
+    def _largest(self, output: str, scene: Scene) -> float:
+        """Largest gain of an output to the air."""
+        if is_temperature(output):
+            # Nothing warms more than the air that warms it.
+            return MAX_AIR_GAIN
+        warmed = max(map(scene.reach, filter(is_temperature, scene.outputs)), default=0.0)
+        return MAX_AIR_GROWTH * scene.reach(output) / warmed if warmed > 0 else np.inf
 
     def _seen(self, swing: float, output: str, scene: Scene) -> bool:
         """Whether a log shows a swing, not the beginning of it, and no more than the machine."""
