@@ -38,7 +38,9 @@ def test_the_cause_is_a_row_of_the_frame(found: api.DiagnosisReport) -> None:
     assert not found.adequate
     assert found.exceeds(0.5)
     row = found.frame.loc["geometry_step", "d_z_um", "step[d_z_um]"]
-    assert row["low"] < -1.0 < row["high"]
+    assert row["low"] < row["value"] < row["high"] < 0.0
+    # Twice the interval, which one log in twenty leaves.
+    assert abs(row["value"] + 1.0) < row["high"] - row["low"] < 0.2
     assert row["unit"] == "um"
 
 

@@ -20,7 +20,12 @@ from thermaltool.diagnosis.correction import corrected
 from thermaltool.diagnosis.evidence import DECISIVE_EVIDENCE, STARTS, Assumptions, released
 from thermaltool.diagnosis.fit import CauseCandidate
 from thermaltool.diagnosis.hypothesis import Hypothesis
-from thermaltool.diagnosis.no_signature import beyond_calibration, is_trend, too_short
+from thermaltool.diagnosis.no_signature import (
+    beyond_calibration,
+    is_trend,
+    too_short,
+    unsettled,
+)
 from thermaltool.diagnosis.pruning import pruned, rest_of
 from thermaltool.diagnosis.readings import hidden_noise
 from thermaltool.diagnosis.select import Ranking, plain_forms_first, ranked
@@ -174,6 +179,7 @@ def _step(task: DiagnosisTask, search: SearchState) -> SearchState:
                 return found
         if better is None:
             found = _confirmed_unseen(task, search, hypothesis, ranking)
+            found = found or _too_short(task, search, hypothesis)
             return found or replace(
                 search,
                 ended=hypothesis,
@@ -229,6 +235,20 @@ def _confirmed_unseen(
         f"{found.causes[0].effect.name} is told by the unseen logs: parts of the diagnosed ones "
         "alone do not confirm it"
     )
+
+
+def _too_short(
+    task: DiagnosisTask, search: SearchState, hypothesis: Hypothesis
+) -> SearchState | None:
+    """The search with a calibration that was too short as its first cause; None where it was not.
+
+    Where nothing else is one: what such a calibration leaves open explains these logs.
+    """
+    if search.causes or not unsettled(task.model) or "tight" not in hypothesis.assumptions:
+        return None
+    freed = hypothesis.under(released(hypothesis.assumptions), task.model).fitted()
+    cause = too_short(task.model, hypothesis, freed)
+    return None if cause is None else search.accepting(cause, freed)
 
 
 def _own_change(
