@@ -7,7 +7,7 @@ import pytest
 
 from thermaltool.diagnosis.diagnose import diagnose
 from thermaltool.diagnosis.fit import CauseCandidate
-from thermaltool.diagnosis.select import Ranking, shortlist
+from thermaltool.diagnosis.select import Ranking, plain_forms_first, shortlist
 from thermaltool.effects import effect_class
 from thermaltool.model import Drive, Model, Output, Term
 from thermaltool.record import Record
@@ -37,6 +37,28 @@ def test_few_of_one_name_and_none_without_evidence():
     gains = [candidate("sensor_gain", 100.0 - k, PRESENT, f"dT_{k}_K") for k in range(4)]
     found = shortlist([*gains, candidate("sensor_lag", -11.0, PRESENT)], {PRESENT: 0.0})
     assert [each.effect.channel for each in found] == ["dT_0_K", "dT_1_K"]
+
+
+def in_form(evidence, channel, *names):
+    effect = effect_class("second_source")(channel, dict.fromkeys(names, 1.0))
+    return CauseCandidate(effect, evidence, 0.0, PRESENT, {})
+
+
+ONE_LAG = ("gain[dT_a_K]", "time_constant")
+TWO_LAGS = (*ONE_LAG, "slow_gain[dT_a_K]", "slow_time_constant")
+
+
+def test_forms_of_one_place_leave_room_for_another_place():
+    other = in_form(90.0, "x_fan_1", *ONE_LAG)
+    forms = [in_form(100.0, "x_pump_1", *TWO_LAGS), in_form(99.0, "x_pump_1", *ONE_LAG)]
+    assert shortlist([*forms, other], {PRESENT: 0.0}) == [*forms, other]
+
+
+def test_of_forms_that_a_log_hardly_tells_apart_the_plain_one_comes_first():
+    many, few = in_form(100.0, "x_pump_1", *TWO_LAGS), in_form(95.0, "x_pump_1", *ONE_LAG)
+    assert plain_forms_first([many, few]) == [few, many]
+    clear = in_form(120.0, "x_pump_1", *TWO_LAGS)
+    assert plain_forms_first([clear, few]) == [clear, few]
 
 
 def test_a_start_sets_nothing_else_free():
