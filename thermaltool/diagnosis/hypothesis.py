@@ -29,6 +29,8 @@ from thermaltool.signals.row_groups import RowGroups
 MAX_STEPS, MIN_STEP, MAX_STEP = 6, 1e-3, 0.7
 STEP_SHARES = (1.0, 0.3, 0.1)
 MIN_DESCENT = 0.1
+# A calibration leaves a move open up to so many of its standard deviations.
+MAX_MOVE = 3.0
 # Squared length of a whitened sensitivity that stands for none.
 TINY = 1e-300
 
@@ -180,7 +182,12 @@ class Hypothesis:
         output : str
         """
         nuisance, evidence = self.nuisance[output], self.evidence[output]
-        moves = nuisance.prior.root @ evidence.fitted(self.assumptions, nuisance.group)
+        moves = evidence.fitted(self.assumptions, nuisance.group)
+        if nuisance.group == "tight":
+            # Further off the calibration is contradicted, not open.
+            centre = nuisance.prior.centre
+            moves = np.clip(moves + centre, -MAX_MOVE, MAX_MOVE) - centre
+        moves = nuisance.prior.root @ moves
         fitted = evidence.fitted(self.assumptions, "offset").tolist()
         offsets = dict(zip(nuisance.groups.present, fitted, strict=True))
         beside = [self._fitted_part(output, group) for group in nuisance.beside]
