@@ -54,14 +54,15 @@ def diagnosed(heat: str, kilowatts: float, probe: str, scale: float, zero: float
 def test_the_same_log_in_other_units_has_the_same_diagnosis():
     one = diagnosed("Q_main_W", 5000.0, "d_y_um", 1.0, 0.0)
     other = diagnosed("Q_main_kW", 5.0, "d_y_mm", 1e-3, 1.75e9)
-    assert (one.causes[0].effect.name, one.causes[0].effect.channel) == ("second_source", "x_pump_1")
+    first = one.causes[0].effect
+    assert (first.name, first.channel) == ("second_source", "x_pump_1")
     assert [c.effect.name for c in other.causes] == [c.effect.name for c in one.causes]
     for a, b in zip(one.causes, other.causes, strict=True):
         assert b.evidence == pytest.approx(a.evidence, rel=1e-3, abs=0.5)
     # ... and so has every cause that was tried, whatever its drive is called.
-    first, second = (
+    these, those = (
         sorted((t.name, t.channel.split("_")[0], t.evidence) for t in each.tried)
         for each in (one, other)
     )
-    assert [t[:2] for t in first] == [t[:2] for t in second]
-    assert [t[2] for t in second] == pytest.approx([t[2] for t in first], rel=1e-3, abs=0.5)
+    assert [t[:2] for t in these] == [t[:2] for t in those]
+    assert [t[2] for t in those] == pytest.approx([t[2] for t in these], rel=1e-3, abs=0.5)
