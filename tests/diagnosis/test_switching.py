@@ -8,7 +8,9 @@ import numpy as np
 import pytest
 
 from thermaltool.diagnosis.diagnose import diagnose
+from thermaltool.diagnosis.evidence import released
 from thermaltool.diagnosis.hypothesis import Hypothesis
+from thermaltool.diagnosis.residual_budget import budget_of
 from thermaltool.diagnosis.simulation import SimulatedLogs
 from thermaltool.diagnosis.state import WITHIN_CALIBRATION, DiagnosisTask
 from thermaltool.diagnosis.switching import MAX_SWITCHES, instants_of
@@ -77,6 +79,15 @@ def test_what_switching_explains_is_no_cause():
     assert found.causes == ()
     assert found.verdict == "adequate"
     assert any("between the rows" in note for note in found.notes)
+
+
+def test_switching_is_no_misfit_of_a_model_that_is_free():
+    found = first(log(3))
+    free = found.under(released(found.assumptions), model())
+    budget = budget_of(free, free, BEND, NOISE, 100.0)
+    assert budget.total > 2 * NOISE
+    assert budget.unexplained == pytest.approx(NOISE, rel=0.2)
+    assert not budget.wrong
 
 
 @pytest.mark.parametrize("seed", [5, 6, 7])

@@ -29,7 +29,7 @@ from thermaltool.diagnosis.severity import (
 )
 from thermaltool.diagnosis.simulation import SimulatedLogs
 from thermaltool.diagnosis.starts import start_free
-from thermaltool.diagnosis.state import DiagnosisTask, SearchState
+from thermaltool.diagnosis.state import DiagnosisTask, SearchState, judged_by
 from thermaltool.diagnosis.verdict import (
     MIN_SHARE_LEFT,
     nothing_moves,
@@ -76,7 +76,7 @@ def answer(task: DiagnosisTask, first: Hypothesis, search: SearchState) -> Diagn
     if worse is not None and written.spoiled is None:
         written = replace(written, spoiled=f"{worse[1]} in {worse[0].name or 'a log'}")
     reports, budgets = weigh_residuals(first, plain, noise)
-    ended = last if effects else search.ended
+    ended = judged_by(last, task, fitted) if effects else search.ended
     # Without a cause the written model is the one that came in, and what is left is what it leaves.
     after, left = reports, budgets
     if effects:

@@ -12,7 +12,7 @@ from thermaltool.diagnosis.residual_budget import reading_noise, weigh_residuals
 from thermaltool.diagnosis.result import Cause
 from thermaltool.diagnosis.select import fit_candidate
 from thermaltool.diagnosis.simulation import without
-from thermaltool.diagnosis.state import DiagnosisTask, SearchState
+from thermaltool.diagnosis.state import DiagnosisTask, SearchState, judged_by
 from thermaltool.diagnosis.verdict import unknown_cause
 
 # Share of the misfit that a cause of the written model explains at least: told as 2 %.
@@ -107,7 +107,10 @@ def rest_of(task: DiagnosisTask, first: Hypothesis, search: SearchState) -> Caus
     last = search.hypothesis if search.causes else search.ended
     noise = {output: reading_noise(last, output) for output in last.groups}
     _, before = weigh_residuals(first, first, noise)
-    plain = last.with_model(search.written(task)) if search.causes else last
+    plain = last
+    if search.causes:
+        written = search.written(task)
+        plain, last = last.with_model(written), judged_by(last, task, written)
     reports, left = weigh_residuals(last, plain, noise)
     return unknown_cause(left, before, reports, last, named=bool(search.causes))
 

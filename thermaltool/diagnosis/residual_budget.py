@@ -201,12 +201,14 @@ def budget_of(
         return float(np.sqrt(np.mean(np.square(groups.joined(about))) + hidden**2))
 
     total = rms(plain.simulation.residual(output), plain.beginning(output))
-    known = hypothesis.of_logs(output)
+    # Where its own parameters are free nothing of a model is open, but when commands switch is.
+    judged = plain if own else hypothesis
+    shown = min(total, rms(judged.simulation.residual(output), judged.of_logs(output)))
     fit = next(o.fit for o in plain.model.outputs if o.channel == output)
     return ResidualBudget(
         total,
-        total if own else min(total, rms(hypothesis.simulation.residual(output), known)),
-        total if own else min(total, rms(hypothesis.unexplained(output))),
+        shown,
+        shown if own else min(total, rms(hypothesis.unexplained(output))),
         white,
         floor_of(hypothesis, output),
         0.0 if own else calibration_error(fit),

@@ -288,3 +288,24 @@ class SearchState:
         """The accepted causes under the assumptions in which the last step ended."""
         ended = self.ended
         return replace(self.hypothesis, calibrated=ended.calibrated, assumptions=ended.assumptions)
+
+
+def judged_by(last: Hypothesis, task: DiagnosisTask, written: Model) -> Hypothesis:
+    """The hypothesis by which what a written model leaves is judged.
+
+    As the search had it; but where the model's own parameters were free and are written as they
+    came, by what their calibration knows.
+
+    Parameters
+    ----------
+    last : Hypothesis
+        With the accepted causes.
+    task : DiagnosisTask
+    written : Model
+    """
+    if "released" not in last.assumptions or task.own or written.terms != task.model.terms:
+        return last
+    known = corrected(task.model)
+    held = last.with_model(replace(known, effects=written.effects))
+    assumptions = (last.assumptions - {"released"}) | {"tight"}
+    return replace(held, calibrated=known, assumptions=assumptions, near={})
