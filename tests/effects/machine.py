@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from thermaltool.effects.effect import Scene
+from thermaltool.effects.scene import Scene
 from thermaltool.model import Drive, Model, Output, Term, acting_drives, relative
 from thermaltool.record import Record
 from thermaltool.responses.deflection import Deflection

@@ -17,7 +17,8 @@ from thermaltool.diagnosis.noise_levels import weigh
 from thermaltool.diagnosis.nuisance import OutputNuisance
 from thermaltool.diagnosis.simulation import Mask, Series, SimulatedLogs
 from thermaltool.diagnosis.starts import beginning
-from thermaltool.effects.effect import Float, Scene
+from thermaltool.effects.effect import Float
+from thermaltool.effects.scene import Scene
 from thermaltool.model import Model
 from thermaltool.record import Record
 from thermaltool.signals.intervals import NORMAL_95

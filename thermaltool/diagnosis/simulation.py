@@ -11,7 +11,8 @@ from numpy.typing import NDArray
 
 from thermaltool.diagnosis.correction import LagBank
 from thermaltool.diagnosis.slopes import ModelSlopes
-from thermaltool.effects.effect import Effect, Float, Scene, reference_of
+from thermaltool.effects.effect import Effect, Float, reference_of
+from thermaltool.effects.scene import Scene
 from thermaltool.errors import ModelError
 from thermaltool.model import (
     Model,

@@ -9,7 +9,8 @@ import numpy as np
 
 from thermaltool.effects.channels import air_is_logged, is_air, unknown_channels
 from thermaltool.effects.dynamics import elapsed
-from thermaltool.effects.effect import Effect, Float, Memory, Parameter, Scene, reference_of
+from thermaltool.effects.effect import Effect, Float, Memory, Parameter, reference_of
+from thermaltool.effects.scene import Scene
 from thermaltool.effects.source import HeatSource
 from thermaltool.record import Record
 from thermaltool.units import is_temperature

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from thermaltool.effects.effect import Scene
+from thermaltool.effects.scene import Scene
 from thermaltool.units import is_displacement, is_temperature, parse_channel
 
 # Taken for rest where no absolute temperature is known [degC].

@@ -5,17 +5,9 @@ from __future__ import annotations
 from collections.abc import Iterator
 from typing import ClassVar
 
-from thermaltool.effects.effect import (
-    Effect,
-    Float,
-    Memory,
-    Outputs,
-    Parameter,
-    Scene,
-    Side,
-    reference_of,
-)
+from thermaltool.effects.effect import Effect, Float, Memory, Outputs, Parameter, Side, reference_of
 from thermaltool.effects.heat_capacity import MAX_PER_KELVIN
+from thermaltool.effects.scene import Scene
 from thermaltool.record import Record
 from thermaltool.units import is_temperature
 

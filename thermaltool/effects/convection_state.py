@@ -9,16 +9,9 @@ from typing import ClassVar
 import numpy as np
 
 from thermaltool.effects.dynamics import is_plausible_rate
-from thermaltool.effects.effect import (
-    Effect,
-    Float,
-    Memory,
-    Outputs,
-    Parameter,
-    Scene,
-    needed,
-)
+from thermaltool.effects.effect import Effect, Float, Memory, Outputs, Parameter, needed
 from thermaltool.effects.heat_loss import LOCAL, HeatLoss, places
+from thermaltool.effects.scene import Scene
 from thermaltool.record import Record
 from thermaltool.units import parse_channel
 

@@ -7,8 +7,9 @@ from typing import ClassVar
 
 import numpy as np
 
-from thermaltool.effects.effect import Effect, Float, Memory, Parameter, Scene, Side
+from thermaltool.effects.effect import Effect, Float, Memory, Parameter, Side
 from thermaltool.effects.instant import Instant
+from thermaltool.effects.scene import Scene
 from thermaltool.record import Record
 
 # Instants of a log that are tried; the search goes on from the best of them.

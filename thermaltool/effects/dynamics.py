@@ -6,7 +6,8 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from thermaltool.effects.effect import Float, Memory, Scene, needed
+from thermaltool.effects.effect import Float, Memory, needed
+from thermaltool.effects.scene import Scene
 from thermaltool.record import Record
 from thermaltool.responses.propagation import recursion_of
 from thermaltool.responses.sample_clock import clock_step

@@ -6,8 +6,9 @@ from collections.abc import Iterator
 from typing import ClassVar
 
 from thermaltool.effects.dynamics import jump_times
-from thermaltool.effects.effect import Effect, Float, Memory, Outputs, Parameter, Scene, Side
+from thermaltool.effects.effect import Effect, Float, Memory, Outputs, Parameter, Side
 from thermaltool.effects.instant import Instant
+from thermaltool.effects.scene import Scene
 from thermaltool.record import Record
 
 

@@ -12,16 +12,8 @@ from numpy.typing import NDArray
 
 from thermaltool.effects.channels import MAX_TEMPERATURE_GAIN, is_air
 from thermaltool.effects.dynamics import from_rest, lagged, time_constants
-from thermaltool.effects.effect import (
-    Effect,
-    Float,
-    Memory,
-    Outputs,
-    Parameter,
-    Scene,
-    Side,
-    needed,
-)
+from thermaltool.effects.effect import Effect, Float, Memory, Outputs, Parameter, Side, needed
+from thermaltool.effects.scene import Scene
 from thermaltool.record import Record
 from thermaltool.units import hold_of, is_absolute, is_temperature
 

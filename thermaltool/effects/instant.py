@@ -6,7 +6,8 @@ from typing import ClassVar
 
 import numpy as np
 
-from thermaltool.effects.effect import Effect, Scene
+from thermaltool.effects.effect import Effect
+from thermaltool.effects.scene import Scene
 
 # Parameters that are a time of the clock of one log, of these causes and others.
 INSTANTS = ("time", "start", "stop")

@@ -15,7 +15,8 @@ from typing import ClassVar
 import numpy as np
 
 from thermaltool.effects.dynamics import from_rest, lagged, time_constants
-from thermaltool.effects.effect import Effect, Float, Memory, Outputs, Parameter, Scene, Side
+from thermaltool.effects.effect import Effect, Float, Memory, Outputs, Parameter, Side
+from thermaltool.effects.scene import Scene
 from thermaltool.errors import ModelError
 from thermaltool.record import Record
 from thermaltool.units import is_temperature

@@ -8,7 +8,8 @@ from typing import ClassVar
 import numpy as np
 
 from thermaltool.effects.channels import rest_of
-from thermaltool.effects.effect import Effect, Float, Memory, Outputs, Parameter, Scene, Side
+from thermaltool.effects.effect import Effect, Float, Memory, Outputs, Parameter, Side
+from thermaltool.effects.scene import Scene
 from thermaltool.errors import ModelError
 from thermaltool.record import Record
 from thermaltool.units import ABSOLUTE_ZERO, is_absolute

@@ -8,7 +8,8 @@ from typing import ClassVar
 import numpy as np
 
 from thermaltool.effects.dynamics import HOUR, elapsed
-from thermaltool.effects.effect import Effect, Float, Memory, Outputs, Parameter, Scene, Side
+from thermaltool.effects.effect import Effect, Float, Memory, Outputs, Parameter, Side
+from thermaltool.effects.scene import Scene
 from thermaltool.effects.sensor_lag import ODDS_BESIDE_SHAPE_ERROR
 from thermaltool.errors import ModelError
 from thermaltool.record import Record

@@ -7,7 +7,8 @@ from typing import ClassVar
 
 from thermaltool.effects.channels import is_part
 from thermaltool.effects.dynamics import from_rest
-from thermaltool.effects.effect import Effect, Float, Memory, Outputs, Parameter, Scene, Side
+from thermaltool.effects.effect import Effect, Float, Memory, Outputs, Parameter, Side
+from thermaltool.effects.scene import Scene
 from thermaltool.record import Record
 
 

@@ -10,7 +10,8 @@ import numpy as np
 from numpy.polynomial import polynomial as poly
 
 from thermaltool.effects.dynamics import HOUR
-from thermaltool.effects.effect import Effect, Float, Memory, Outputs, Parameter, Scene, Side
+from thermaltool.effects.effect import Effect, Float, Memory, Outputs, Parameter, Side
+from thermaltool.effects.scene import Scene
 from thermaltool.record import Record
 
 # Clocks of buildings and control cabinets [s].

@@ -9,7 +9,8 @@ import numpy as np
 
 from thermaltool.effects.channels import ROOM_DEGC, is_air, is_part, rest_of
 from thermaltool.effects.dynamics import from_rest, is_plausible_rate
-from thermaltool.effects.effect import Effect, Float, Memory, Outputs, Parameter, Scene, Side
+from thermaltool.effects.effect import Effect, Float, Memory, Outputs, Parameter, Side
+from thermaltool.effects.scene import Scene
 from thermaltool.errors import ModelError
 from thermaltool.record import Record
 from thermaltool.units import ABSOLUTE_ZERO, parse_channel

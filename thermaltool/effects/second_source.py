@@ -9,7 +9,8 @@ import numpy as np
 
 from thermaltool.effects.channels import source_channels
 from thermaltool.effects.dynamics import time_constants
-from thermaltool.effects.effect import Effect, Float, Memory, Parameter, Scene, reference_of
+from thermaltool.effects.effect import Effect, Float, Memory, Parameter, reference_of
+from thermaltool.effects.scene import Scene
 from thermaltool.effects.source import HeatSource
 from thermaltool.record import Record
 from thermaltool.units import parse_channel

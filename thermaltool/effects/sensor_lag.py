@@ -6,7 +6,8 @@ from collections.abc import Iterator
 from typing import ClassVar
 
 from thermaltool.effects.dynamics import lagged, time_constants
-from thermaltool.effects.effect import Effect, Float, Memory, Parameter, Scene, Side
+from thermaltool.effects.effect import Effect, Float, Memory, Parameter, Side
+from thermaltool.effects.scene import Scene
 from thermaltool.record import Record
 
 # On clean logs of simulated machines the error of a response's shape had up to this much evidence

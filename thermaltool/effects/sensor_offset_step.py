@@ -6,8 +6,9 @@ from collections.abc import Iterator
 from typing import ClassVar
 
 from thermaltool.effects.dynamics import jump_times
-from thermaltool.effects.effect import Effect, Float, Memory, Parameter, Scene, Side
+from thermaltool.effects.effect import Effect, Float, Memory, Parameter, Side
 from thermaltool.effects.instant import Instant
+from thermaltool.effects.scene import Scene
 from thermaltool.record import Record
 from thermaltool.units import is_displacement
 

@@ -6,7 +6,8 @@ from collections.abc import Iterator, Mapping
 from itertools import combinations
 from typing import ClassVar
 
-from thermaltool.effects.effect import Effect, Float, Memory, Outputs, Parameter, Scene, Side
+from thermaltool.effects.effect import Effect, Float, Memory, Outputs, Parameter, Side
+from thermaltool.effects.scene import Scene
 from thermaltool.errors import ModelError
 from thermaltool.record import Record
 from thermaltool.units import parse_channel

@@ -9,7 +9,8 @@ from typing import ClassVar
 
 from thermaltool.effects.channels import MAX_TEMPERATURE_GAIN
 from thermaltool.effects.dynamics import MAX_LAG_RECORDS, time_constants, warmed
-from thermaltool.effects.effect import Effect, Float, Memory, Outputs, Scene, Side, reference_of
+from thermaltool.effects.effect import Effect, Float, Memory, Outputs, Side, reference_of
+from thermaltool.effects.scene import Scene
 from thermaltool.record import Record
 from thermaltool.units import is_temperature
 

@@ -17,10 +17,10 @@ from thermaltool.effects.effect import (
     Memory,
     Outputs,
     Parameter,
-    Scene,
     needed,
 )
 from thermaltool.effects.heat_loss import LOCAL, HeatLoss, places
+from thermaltool.effects.scene import Scene
 from thermaltool.record import Record
 
 # Thresholds that are tried, and how far below them it is switched off, as shares of the range that

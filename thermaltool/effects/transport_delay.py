@@ -7,7 +7,8 @@ from typing import ClassVar
 
 import numpy as np
 
-from thermaltool.effects.effect import Effect, Parameter, Scene, Side
+from thermaltool.effects.effect import Effect, Parameter, Side
+from thermaltool.effects.scene import Scene
 from thermaltool.units import hold_of
 
 
