@@ -79,6 +79,7 @@ def scene(*logs):
         outputs=outputs,
         extra=tuple(c for c in logs[0].columns if c not in known),
         unanswered={},
+        steady={(t.drive, t.output): t.response.dc_gain() for t in machine.terms},
         acting_drives=tuple(acting_drives(machine, (), log) for log in logs),
         simulated=simulated,
         residual=tuple(

@@ -7,6 +7,7 @@ import pytest
 
 from thermaltool.fitting.calibrate import calibrate
 from thermaltool.fitting.calibration_plan import CalibrationPlan
+from thermaltool.fitting.discrepancy import _beside, _marginal, _prior, discrepancy
 from thermaltool.record import Record
 
 OUTPUT, NOISE = "dT_a_K", 0.01
@@ -51,6 +52,77 @@ def test_what_is_known_beyond_a_kind_does_not_depend_on_the_unit_of_a_drive(kind
         assert other == pytest.approx(one, rel=1e-3, abs=1e-4)
     # A kind that is true leaves no more open than a reading's noise.
     assert bool(np.max(found[0][3]) < NOISE) == (kind == "rational2")
+
+
+def two_drives(units):
+    """A log of two drives, each in its unit, and of its two lags the model has the faster one."""
+    generator = np.random.default_rng(2)
+    time, columns, y = 15.0 * np.arange(1200), {}, 0.0
+    for (heat, unit), (gain, tau) in zip(units.items(), ((0.06, 90.0), (0.02, 400.0)), strict=True):
+        level = np.repeat(generator.choice([0.0, 50.0, 100.0], 40), 30)
+        level[:5] = 0.0
+        since = np.arange(1200)[:, None] - np.arange(1200)
+        for share, lag in ((gain, tau), (0.3 * gain, 1100.0)):
+            rate = 15.0 / lag
+            answer = np.where(since > 0, np.exp(-rate * (since - 1.0)), 0.0) * -np.expm1(-rate)
+            y = y + share * answer @ level
+        columns[heat] = unit * level
+    noise = NOISE * generator.standard_normal(len(time))
+    return Record(time, {**columns, OUTPUT: y + noise}, digest="log")
+
+
+@pytest.mark.parametrize(
+    "units", [{"Q_a_kW": 1e-3, "Q_b_mW": 1e3}, {"Q_a_mW": 1e3, "Q_b_kW": 1e-3}]
+)
+def test_each_of_two_drives_has_a_unit_of_its_own(units):
+    watts = {"Q_a_W": 1.0, "Q_b_W": 1.0}
+    found = []
+    for own in (watts, units):
+        plan = CalibrationPlan(
+            tuple(own), (OUTPUT,), kinds={OUTPUT: "rational1"}, choose=True, linear=True
+        )
+        known = calibrate([two_drives(own)], plan).outputs[0].fit["discrepancy"]
+        scale = [own[d] if name == "K1" else 1.0 for d, name in known["parameters"]]
+        scale += [own[d] for d, _ in known["lags"]]
+        found.append(np.sqrt(np.diag(known["covariance"])) * scale)
+    assert found[1] == pytest.approx(found[0], rel=1e-3)
+
+
+def sums(columns, generator):
+    """Products of residual and columns that are drawn."""
+    rows = generator.standard_normal((400, 1 + columns))
+    return rows.T @ rows
+
+
+def test_what_is_integrated_out_first_is_as_likely():
+    gram = sums(14, np.random.default_rng(3))
+    p, q, m, free = 3, 4, 5, 2
+    prior = _prior(14, p, (q, 0.7), (m, 0.1))
+    at_once = _marginal(gram, 0.0, 400, prior)
+    less, price = _beside(gram, 1 + p + q, m, 0.1)
+    assert len(less) == 1 + p + q + free
+    assert _marginal(less, price, 400, _prior(9, p, (q, 0.7))) == pytest.approx(at_once)
+
+
+def test_a_parameter_that_no_row_shows_is_open():
+    generator = np.random.default_rng(4)
+    time = 10.0 * np.arange(600)
+    own = np.column_stack([np.sin(time / 300), np.zeros(len(time)), np.cos(time / 500)])
+    lags = np.column_stack([np.sin(time / 900), np.cos(time / 200)])
+    known = discrepancy(
+        time,
+        np.zeros(len(time), np.int64),
+        NOISE * generator.standard_normal(len(time)),
+        own,
+        np.ones((len(time), 1)),
+        lags,
+        None,
+        np.array([2.0]),
+        np.zeros((0, 2)),
+    )
+    seen, hidden, gain = np.sqrt(np.diag(known.covariance))[:3]
+    assert hidden == pytest.approx(0.3)
+    assert max(seen, gain / 2.0) < 0.01
 
 
 @pytest.mark.parametrize("seed", range(3))

@@ -124,16 +124,12 @@ def score(
         given = np.ones(len(amplitudes)) if fixed and amplitudes == [""] else None
         result = profile(list(products.values()), len(amplitudes), given)
         separate = [reference_of(name)[1] for name in amplitudes]
-        # An output with amplitudes of its own has to pay for them, and where a cause stands only
-        # with several of them each has to be sure.
-        sure = DECISIVE_EVIDENCE if effect.everywhere else 0.0
-        idle = [
-            o
-            for o, gain in zip(outputs, result.gains, strict=True)
-            if o in separate
-            and len(products) > 1
-            and 2 * gain < len(products[o].amplitudes) * np.log(hypothesis.groups[o].count) + sure
-        ]
+        # An output with amplitudes of its own has to pay for them.
+        over = {
+            o: 2 * gain - len(products[o].amplitudes) * float(np.log(hypothesis.groups[o].count))
+            for o, gain in zip(outputs, result.gains.tolist(), strict=True)
+        }
+        idle = [o for o in outputs if o in separate and len(products) > 1 and over[o] < 0]
         if not idle:
             break
         worst = min(idle, key=lambda o: result.gains[outputs.index(o)])
@@ -156,8 +152,9 @@ def score(
     found = {n: float(v) for n, v in zip(amplitudes, result.amplitudes, strict=True)}
     effect = effect.changed({n: effect.parameter(n).neutral + v for n, v in found.items() if n})
     fall = 2 * gain - count * float(np.log(rows)) + 2 * float(np.log(effect.odds))
-    # Heat and air reach more than one place: what moves one output alone is that output's.
-    alone = effect.everywhere and len(products) < min(2, len(hypothesis.groups))
+    # Heat and air reach more than one place: what moves one output for sure is that output's.
+    sure = [o for o in outputs if over[o] >= DECISIVE_EVIDENCE or o not in separate]
+    alone = effect.everywhere and len(sure) < 2 <= len(hypothesis.groups)
     if alone or not effect.plausible(hypothesis.scene):
         fall = gain = -np.inf
     return CauseCandidate(effect, fall, gain, assumptions, found)

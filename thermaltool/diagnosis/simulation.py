@@ -362,13 +362,13 @@ class SimulatedLogs:
         known = {d.channel for d in self.model.drives} | {o.channel for o in self.model.outputs}
         used = {c for e in self.model.effects for c in e.needs()}
         beside = [c for c in self.logs[0].columns if c not in known | used]
-        answered = {
-            (term.drive, term.output)
+        steady = {
+            (term.drive, term.output): term.response.dc_gain()
             for term in self.model.terms
             if not isinstance(term.response, LagBank)
         }
         unanswered = {
-            d.channel: tuple(o for o in self.groups if (d.channel, o) not in answered)
+            d.channel: tuple(o for o in self.groups if (d.channel, o) not in steady)
             for d in self.model.drives
             if d.channel not in used and all(_moves(log, d.channel) for log in self.logs)
         }
@@ -378,6 +378,7 @@ class SimulatedLogs:
             outputs=tuple(self.groups),
             extra=tuple(c for c in beside if all(_moves(log, c) for log in self.logs)),
             unanswered={drive: outputs for drive, outputs in unanswered.items() if outputs},
+            steady=steady,
             acting_drives=tuple(self.inputs),
             simulated=tuple(self.outputs),
             residual=tuple(

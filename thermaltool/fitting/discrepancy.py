@@ -1,8 +1,8 @@
 """What a calibration knows of a response beyond its kind, and how surely.
 
-No kind of response is exact. What is left of a calibration is explained by lags of the drives
-(whose weights have a prior of one size), by small moves of the fitted parameters, and by white
-noise with a slow drift; sizes by marginal likelihood. Mean and covariance of moves and weights are
+No kind of response is exact. What is left of a calibration is explained by lags of the drives,
+which all make as much a priori, by moves of the fitted parameters as far as the noise leaves them
+open, and by white noise with a slow drift; sizes by marginal likelihood. Mean and covariance of moves and weights are
 what later data have to contradict before a model counts as wrong (Kennedy & O'Hagan 2001).
 
 The noise is that of signals/drift.py, with the same factors; but weights and moves are integrated
@@ -17,6 +17,7 @@ from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy.linalg import solve_triangular
 
 from thermaltool.fitting.instants import Instants
 from thermaltool.record import Record
@@ -101,7 +102,7 @@ def discrepancy(
     free: Float,
     lags: Float,
     instants: Instants | None,
-    span: Float,
+    gains: Float,
     spread: Float,
 ) -> Discrepancy:
     """Posterior from the residual of a calibration.
@@ -116,14 +117,14 @@ def discrepancy(
         in their units.
     instants : Instants, optional
         Of switches between the rows.
-    span : ndarray, shape (p,)
-        Size of each parameter (1 for a logarithm).
+    gains : ndarray, shape (g,)
+        The last of the parameters; those before them are logarithms.
     spread : ndarray, shape (m, q)
         See `Discrepancy`.
     """
     # The prior is one of what is seen, whatever the unit of a drive.
     level = np.max(np.abs(lags), axis=0, initial=0.0)
-    level[level == 0] = 1.0
+    level[level == 0] = 1.0  # no row shows it
     late = np.empty((len(residual), 0)) if instants is None else instants.columns
     beside = residual if instants is None else instants.left(residual, np.ones(len(residual)))
     # What stands alone is no noise, and would pass for much of it.
@@ -148,21 +149,24 @@ def discrepancy(
     for ratio in DRIFT_RATIOS:
         for tau in taus if ratio else taus[:1]:
             factor = noise.factor(ratio, float(tau))
-            gram = rows.T @ factor.solve(rows)
+            # Beside the instants, whose prior is the same all over the grid.
+            gram, logdet = _beside(rows.T @ factor.solve(rows), 1 + p + q, m, 1 / sigma)
             for size in LAG_SIZES:
-                prior = _prior(len(gram) - 1, p, (q, size), (m, 1 / sigma))
-                value, white = _marginal(gram, factor.logdet, len(rows), prior)
+                prior = _prior(len(gram) - 1, p, (q, size))
+                value, white = _marginal(gram, factor.logdet + logdet, len(rows), prior)
                 if value < best[0]:
                     best = (value, (ratio, float(tau)), size, white)
     _, (ratio, tau), size, white = best
     gram = rows.T @ noise.factor(ratio, tau).solve(rows)
     prior = _prior(len(gram) - 1, p, (q, size), (m, 1 / white))
-    # Beside no lags: what the noise alone leaves open of the parameters stays open beside them.
+    span = _sizes(own, gains)
+    # Beside no lags: what the noise alone leaves open of the parameters stays open beside them, and
+    # what it does not show at all is open to the most.
     lagless = np.delete(np.arange(len(gram)), slice(1 + p, 1 + p + q))
+    prior[:p] = (white / (PARAMETER_MOVES[1] * span)) ** 2
     bare = _inverse(gram[np.ix_(lagless, lagless)], np.delete(prior, slice(p, p + q)))
-    errors = white * np.sqrt(np.maximum(np.diag(bare)[:p], 0.0)) / np.maximum(span, 1e-300)
-    moves = np.clip(MOVE_ERRORS * errors, *PARAMETER_MOVES)
-    prior[:p] = (white / moves) ** 2 / np.maximum(span, 1e-300) ** 2
+    errors = white * np.sqrt(np.maximum(np.diag(bare)[:p], 0.0)) / span
+    prior[:p] = (white / (np.clip(MOVE_ERRORS * errors, *PARAMETER_MOVES) * span)) ** 2
     inverse = _inverse(gram, prior)
     keep, fit = slice(0, p + q), slice(1, 1 + p + q)
     mean = inverse @ gram[1:, 0]
@@ -204,6 +208,41 @@ def spread(
     here = own.reshape(-1, len(rates))
     differ = np.reshape(others, (len(others), *here.shape)) - here
     return np.asarray((differ @ steps.T @ inverse.T).reshape(len(others), len(here) * len(lags)))
+
+
+def _sizes(own: Float, gains: Float) -> Float:
+    """Size of each parameter, shape (p,): one for a logarithm; of a gain, what makes as much as the
+    gain that makes the most."""
+    peak = np.max(np.abs(own[:, own.shape[1] - len(gains) :]), axis=0)
+    peak[peak == 0] = 1.0
+    most = max(float(np.max(peak * np.abs(gains))), 1e-300)
+    return np.append(np.ones(own.shape[1] - len(gains)), most / peak)
+
+
+def _beside(gram: Float, first: int, count: int, size: float) -> tuple[Float, float]:
+    """Products beside columns with a prior that are integrated out, and what that costs.
+
+    Parameters
+    ----------
+    gram : ndarray, shape (c, c)
+    first, count : int
+        Which columns.
+    size : float
+        Their prior standard deviation over the noise.
+
+    Returns
+    -------
+    ndarray, shape (c - count, c - count)
+    float
+        Logarithm of the determinant of their information over that of the prior.
+    """
+    out = slice(first, first + count)
+    if not count:
+        return gram, 0.0
+    root = np.linalg.cholesky(gram[out, out] * size**2 + np.eye(count))
+    through = solve_triangular(root, size * np.delete(gram[out], out, axis=1), lower=True)
+    left = np.delete(np.delete(gram, out, axis=0), out, axis=1) - through.T @ through
+    return left, 2 * float(np.sum(np.log(np.diag(root))))
 
 
 def _instants(gram: Float, count: int, white: float) -> Float:

@@ -369,7 +369,7 @@ def _described(
         jacobian[:, len(rates) + gains :],
         bank,
         instants,
-        np.append(np.ones(len(rates)), np.full(gains, np.max(np.abs(linear[:gains])))),
+        linear[:gains],
         spread(problem.grid.rates, lags, duration, others, own),
     )
     beside = residual if instants is None else residual - instants.columns @ slack.instants
