@@ -10,6 +10,9 @@ import pytest
 
 import thermaltool as tt
 from thermaltool.diagnosis.diagnose import diagnose
+from thermaltool.diagnosis.evidence import released
+from thermaltool.diagnosis.hypothesis import Hypothesis
+from thermaltool.diagnosis.no_signature import too_short
 from thermaltool.diagnosis.residual_budget import ResidualBudget, misfit_of
 from thermaltool.diagnosis.verdict import verdict_of
 from thermaltool.fitting.calibrate import calibrate
@@ -26,13 +29,13 @@ for begin, length in ((620, 40), (705, 25), (790, 70), (930, 35), (1060, 80)):
     PUMP[begin : begin + length] = 1.0
 
 
-def machine(heat: np.ndarray, seed: int, noise: float = 0.1) -> np.ndarray:
+def machine(heat: np.ndarray, seed: int, noise: float = 0.1, slowness: float = 1.0) -> np.ndarray:
     """Deflection of a mass that a hotter one warms, read with noise [µm]."""
     hot = cold = 0.0
     found = []
     for q in np.append(0.0, heat[:-1]):
         hot += 3.0 * (20 * q - hot) / 150
-        cold += 3.0 * (3 * hot - cold) / 500
+        cold += 3.0 * (3 * slowness * hot - cold) / (500 * slowness)
         found.append(cold)
     return np.array(found) + noise * np.random.default_rng([1122, seed]).standard_normal(len(heat))
 
@@ -69,6 +72,28 @@ def test_a_short_calibration_comes_before_any_cause() -> None:
     model = calibrate([log(machine(DUTY, 3)[:rows], "short", DUTY[:rows])], plan)
     found = diagnose(model, [log(machine(DUTY, 4), "long")])
     assert [cause.effect.name for cause in found.causes] == ["record_too_short"]
+
+
+def says_too_short(model: Model, deflection: np.ndarray) -> bool:
+    """Whether 25 minutes say that a calibration that covers 1.9 time constants is too short."""
+    rows = 500
+    outputs = tuple(replace(o, fit={**o.fit, "covered": 1.9}) for o in model.outputs)
+    model = replace(model, outputs=outputs)
+    tight = frozenset({"offset", "accepted", "effects", "tight"})
+    later = log(deflection[:rows], "later", DUTY[:rows])
+    before = Hypothesis.of(model, (later,), model, tight)
+    cause = too_short(model, before, before.under(released(tight), model).fitted())
+    return cause is not None
+
+
+def test_something_slow_besides_is_no_short_calibration(model: Model) -> None:
+    """A model that is free bends with it, and does not come to be right."""
+    for middle in (450.0, 700.0, 1200.0):
+        for width in (100.0, 200.0, 400.0):
+            hump = 3.0 * np.exp(-0.5 * ((TIME - middle) / width) ** 2)
+            assert not says_too_short(model, machine(DUTY, 12) + hump)
+    for slowness in (1.1, 1.3, 2.0):
+        assert says_too_short(model, machine(DUTY, 11, slowness=slowness))
 
 
 @pytest.mark.parametrize(

@@ -19,6 +19,7 @@ from thermaltool.diagnosis.result import Cause
 from thermaltool.diagnosis.simulation import Mask, Series, SimulatedLogs
 from thermaltool.effects import effect_class
 from thermaltool.effects.effect import Effect, Float
+from thermaltool.fitting.discrepancy import calibration_error
 from thermaltool.model import Model
 from thermaltool.record import Record
 from thermaltool.signals.robust import robust_std
@@ -43,8 +44,9 @@ MIN_COVERED = 2.0
 MIN_SETTLED = 3.0
 # ... and one that is not sure says nothing of a log that is so many times longer.
 MAX_BEYOND = 2.0
-# ... and setting its parameters free has to bring the RMS of unseen rows below this share.
-MAX_RMS_LEFT = 0.8
+# ... and setting its parameters free has to bring the RMS of unseen rows below this share; in logs
+# that go no further than the calibration, to this multiple of what is left of that, too.
+MAX_RMS_LEFT, MAX_RMS_WITHIN = 0.8, 1.5
 
 
 @dataclass(frozen=True)
@@ -283,6 +285,17 @@ def is_trend(effect: Effect, model: Model, logs: Sequence[Record]) -> bool:
     return drifts or (not effect.channel and effect.course > min(lengths.values(), default=np.inf))
 
 
+def uncovered(model: Model) -> dict[str, float]:
+    """Slowest time constants covered of every output whose steady state no one can know.
+
+    Parameters
+    ----------
+    model : Model
+    """
+    every = {o.channel: o.fit.get("covered") for o in model.outputs}
+    return {o: float(each) for o, each in every.items() if each is not None and each < MIN_COVERED}
+
+
 def too_short(calibrated: Model, before: Hypothesis, after: Hypothesis) -> Cause | None:
     """The cause, where the calibration had not seen the steady state of an output that moved.
 
@@ -292,21 +305,20 @@ def too_short(calibrated: Model, before: Hypothesis, after: Hypothesis) -> Cause
     before, after : Hypothesis
         Within the calibration, and with the model's own parameters free.
     """
-    short = {
-        o.channel: float(o.fit["covered"])
-        for o in calibrated.outputs
-        if o.fit.get("covered") is not None and o.fit["covered"] < MIN_COVERED
-    }
+    short = uncovered(calibrated)
     if not short:
         return None
     # As the model stands: what so short a calibration leaves open would do as well.
     gain = held_out_gains(replace(before, assumptions=before.assumptions - {"tight"}), after)
+    # Something slow besides bends a model that is free, too, but does not come to be part of it.
+    further = beyond_calibration(calibrated, before.logs)
     helped = [
         o
         for o, g in gain.items()
         if o in short
         and g.claimed
         and g.rms_after < MAX_RMS_LEFT * g.rms_before
+        and (o in further or g.rms_after < MAX_RMS_WITHIN * _left_by_calibration(before, o))
         # The state in which a warm machine was found explains as much: no model has to change.
         and g.rms_after < _left_by_start(before, o)
     ]
@@ -318,6 +330,12 @@ def too_short(calibrated: Model, before: Hypothesis, after: Hypothesis) -> Cause
     output = max(helped, key=lambda o: moved[o])
     effect = effect_class("record_too_short")(output, {"covered": short[output]})
     return Cause(effect, float(2 * sum(moved.values())), {}, gain, 0.0)
+
+
+def _left_by_calibration(hypothesis: Hypothesis, output: str) -> float:
+    """RMS that the calibration left of an output, no less than the noise of its readings."""
+    fit = next(o.fit for o in hypothesis.model.outputs if o.channel == output)
+    return max(calibration_error(fit), hypothesis.nuisance[output].white)
 
 
 def _left_by_start(hypothesis: Hypothesis, output: str) -> float:

@@ -24,7 +24,7 @@ from thermaltool.diagnosis.no_signature import (
     beyond_calibration,
     is_trend,
     too_short,
-    unsettled,
+    uncovered,
 )
 from thermaltool.diagnosis.pruning import pruned, rest_of
 from thermaltool.diagnosis.readings import hidden_noise
@@ -244,7 +244,7 @@ def _too_short(
 
     Where nothing else is one: what such a calibration leaves open explains these logs.
     """
-    if search.causes or not unsettled(task.model) or "tight" not in hypothesis.assumptions:
+    if search.causes or not uncovered(task.model) or "tight" not in hypothesis.assumptions:
         return None
     freed = hypothesis.under(released(hypothesis.assumptions), task.model).fitted()
     cause = too_short(task.model, hypothesis, freed)

@@ -2,8 +2,9 @@
 
 No kind of response is exact. What is left of a calibration is explained by lags of the drives,
 which all make as much a priori, by moves of the fitted parameters as far as the noise leaves them
-open, and by white noise with a slow drift; sizes by marginal likelihood. Mean and covariance of moves and weights are
-what later data have to contradict before a model counts as wrong (Kennedy & O'Hagan 2001).
+open, and by white noise with a slow drift; sizes by marginal likelihood. Mean and covariance of
+moves and weights are what later data have to contradict before a model counts as wrong (Kennedy &
+O'Hagan 2001).
 
 The noise is that of signals/drift.py, with the same factors; but weights and moves are integrated
 out beside it, which moves the maximum, and that is only looked for on a grid.
