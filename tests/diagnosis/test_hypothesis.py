@@ -242,3 +242,21 @@ def test_a_machine_as_a_whole_warmer_than_its_room_is_the_likelier_start() -> No
     # A temperature that drives may be a part of the machine.
     part = replace(model, outputs=(replace(model.outputs[0], fit={}),))
     assert Hypothesis.of(part, [log], part, WITHIN_CALIBRATION).nuisance[spot].uniform == []
+
+
+@pytest.mark.parametrize(("deviations", "left"), [(2.0, 0.0), (8.0, 5.0)])
+def test_what_is_far_off_the_calibration_is_not_open(deviations, left) -> None:
+    """Beyond three standard deviations of what is open a move explains nothing."""
+    (log,) = hypothesis().logs
+    beginning = log.rows(slice(0, 125))
+    model = calibrate([beginning], CalibrationPlan((HEAT,), (), (Z,), kinds={Z: "rational1"}))
+    plain = Hypothesis.of(model, [log], model, WITHIN_CALIBRATION)
+    nuisance = plain.nuisance[Z]
+    # Along the direction that is open the most.
+    move = nuisance.moves[0] @ nuisance.prior.root[:, 0]
+    assert np.std(move) > 0.5
+    columns = {**log.columns, Z: model.simulate(log)[Z] + deviations * move}
+    columns[Z] = columns[Z] + 0.1 * np.random.default_rng(9).standard_normal(len(log))
+    found = plain.with_logs([Record(TIME, columns, digest="moved")]).unexplained(Z)[0]
+    about = left * (move - move.mean())
+    assert np.std(found - about) < max(0.15, 0.2 * np.std(about))

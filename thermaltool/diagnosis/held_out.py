@@ -16,7 +16,6 @@ import numpy as np
 from thermaltool.diagnosis.evidence import STARTS
 from thermaltool.diagnosis.gain import Gain, compare
 from thermaltool.diagnosis.hypothesis import Hypothesis
-from thermaltool.diagnosis.nuisance import Prior
 from thermaltool.diagnosis.readings import hidden_noise
 from thermaltool.diagnosis.simulation import Series
 from thermaltool.effects.effect import Effect, Float
@@ -248,8 +247,6 @@ def _columns(hypothesis: Hypothesis, output: str) -> tuple[Series, Float, Float]
     nuisance = hypothesis.nuisance[output]
     flat = [*nuisance.offsets, *nuisance.accepted.values()]
     prior = nuisance.prior
-    if nuisance.group not in hypothesis.assumptions:
-        prior = Prior(prior.root[:, :0], prior.centre[:0], prior.inverse[:0])
     used = (STARTS | {"instants", "earlier"}) & hypothesis.assumptions
     starts = [column for group in sorted(used) for column in nuisance.beside[group]]
     columns = [

@@ -176,7 +176,7 @@ class Hypothesis:
         )
 
     def unexplained(self, output: str) -> Series:
-        """Residual without what the nuisance fits: moves of parameters, starts, offsets and more.
+        """Residual without the nuisance: moves as far as they are open, starts, offsets and more.
 
         Parameters
         ----------

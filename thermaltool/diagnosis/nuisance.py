@@ -259,7 +259,10 @@ class OutputNuisance:
 
     @property
     def prior(self) -> Prior:
-        """What moves may be under the assumptions."""
+        """What moves may be under the assumptions: of no size where they are in none."""
+        if self.group not in self.assumptions:
+            none = np.zeros((len(self.moving), 0))
+            return Prior(none, np.zeros(0), none.T)
         return self.free_prior if self.group == "released" else self.calibrated_prior
 
     @cached_property
