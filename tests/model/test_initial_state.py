@@ -64,6 +64,19 @@ def test_a_warm_machine_is_found_and_its_start_estimated():
     assert begins(warm)[0][Z].zero.value == pytest.approx(300.0, abs=0.2)
 
 
+@pytest.mark.parametrize(("start", "how"), [(6.0, "free"), (0.0, "rest")])
+@pytest.mark.parametrize("period", [2.0, 2.5])
+def test_what_decays_at_once_is_a_start_beside_a_room_that_swings(period, start, how):
+    model = replace(
+        MODEL, outputs=MODEL.outputs[:1], terms=(Term(HEAT, T, Rational1(8.0, 3000.0)),)
+    )
+    swing = 0.7 * np.sin(2 * np.pi * TIME / (period * TIME[-1]))
+    y = lag(LEVELS, 8.0, 3000.0, 0.0) + start * np.exp(-TIME / 150.0) + swing
+    y = y + SIGMA * np.random.default_rng(8).standard_normal(1200)
+    found = begins(Record(TIME, {HEAT: LEVELS, T: 20.0 + y}, digest="log"), model=model)
+    assert found[1] == {how}
+
+
 def test_all_outputs_begin_as_the_machine_does():
     hardly = log(before=60.0)
     found, how = begins(hardly.with_columns({T: log(before=2000.0).columns[T]}))

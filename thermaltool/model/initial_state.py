@@ -43,7 +43,8 @@ MAX_STATE_ROWS = 20_000
 # last ones only where the clock shows them.
 START_TIME_CONSTANTS = (1.5, 1.0, 0.6, 0.35, 0.2, 0.1, 0.05, 0.02, 0.01, 0.005)
 # A log begins away from rest where a free state leaves less than this share of an output's errors
-# (standard deviations), and the second half of them has no more either: a drift goes on there.
+# (standard deviations), and the second half has no more either, or than the first quarter (a start
+# that decays at once is little of a long log): else a drift goes on there.
 # Asked in so many of its slowest time constants, of so many readings for each state.
 MAX_LEFT_BY_STATE, MIN_TIME_CONSTANTS, MIN_ROWS_PER_STATE = 0.35, 2.0, 10
 # ... and less than this share of what any other responses to the commanded drives leave: where one
@@ -147,12 +148,11 @@ class _StateFit:
     state : _FreeState
     weights : ndarray, shape (k,) [unit of the output]
         Of the decays, and of the zero where it is free.
-    reaches : bool
-        Whether the decays and the zero are most of what the output is off by from rest.
-    explains : bool
-        Whether the decays are most of what it is off by beside its zero.
+    reaches, explains : bool
+        Whether decays and zero are most of what the output is off by from rest; decays, of what it
+        is off by beside its zero.
     is_over : bool
-        ... and most of that is over in the second half of the rows: a drift goes on.
+        ... and most of that, or of what the first quarter is off by, is over in the second half.
     """
 
     state: _FreeState
@@ -175,10 +175,9 @@ class _StateFit:
 
     def added(self, simulated: Float) -> StartedOutput:
         """The output with its state at the first row."""
-        computed, zero = simulated, self.state.stated
         decays = self.state.decays()
-        for weight, decay in zip(self.weights, decays, strict=False):
-            computed = computed + weight * decay
+        computed = simulated + self.weights[: len(decays)] @ decays
+        zero = self.state.stated
         if self.state.is_zero_free:
             zero += float(self.weights[-1])
         return StartedOutput(computed, Zero(zero), "free")
@@ -266,14 +265,15 @@ class _FreeState:
         size[size == 0] = 1.0
         table = columns.T / size
         found = np.asarray(lstsq(table, off, cond=MIN_SENSITIVITY)[0])
-        left, late = off - table @ found, off[len(off) // 2 :]
+        left, early, late = off - table @ found, off[: len(off) // 4], off[len(off) // 2 :]
         most = MAX_LEFT_BY_STATE * float(np.std(off))
         explains = float(np.std(left)) < most
         if explains:
             other = float(np.std(self._without_drives(off, rows)))
             explains = float(np.std(left)) < MAX_LEFT_BESIDE_DRIVES * other
         reaches = float(np.std(left)) < MAX_LEFT_BY_STATE * float(np.sqrt(np.mean(off**2)))
-        return _StateFit(self, found / size, reaches, explains, float(np.std(late)) < most)
+        is_over = float(np.std(late)) < max(most, MAX_LEFT_BY_STATE * float(np.std(early)))
+        return _StateFit(self, found / size, reaches, explains, is_over)
 
     def _without_drives(self, off: Float, rows: NDArray[np.intp]) -> Float:
         """What is left of the errors where the responses to the drives are others."""
