@@ -74,10 +74,10 @@ def test_a_short_calibration_comes_before_any_cause() -> None:
     assert [cause.effect.name for cause in found.causes] == ["record_too_short"]
 
 
-def says_too_short(model: Model, deflection: np.ndarray) -> bool:
-    """Whether 25 minutes say that a calibration that covers 1.9 time constants is too short."""
+def says_too_short(model: Model, deflection: np.ndarray, covered: float = 1.9) -> bool:
+    """Whether 25 minutes say that a calibration of so many time constants is too short."""
     rows = 500
-    outputs = tuple(replace(o, fit={**o.fit, "covered": 1.9}) for o in model.outputs)
+    outputs = tuple(replace(o, fit={**o.fit, "covered": covered}) for o in model.outputs)
     model = replace(model, outputs=outputs)
     tight = frozenset({"offset", "accepted", "effects", "tight"})
     later = log(deflection[:rows], "later", DUTY[:rows])
@@ -92,6 +92,8 @@ def test_something_slow_besides_is_no_short_calibration(model: Model) -> None:
         for width in (100.0, 200.0, 400.0):
             hump = 3.0 * np.exp(-0.5 * ((TIME - middle) / width) ** 2)
             assert not says_too_short(model, machine(DUTY, 12) + hump)
+    # One that has not even seen one time constant is too short whatever else there is.
+    assert says_too_short(model, machine(DUTY, 12) + hump, covered=0.7)
     for slowness in (1.1, 1.3, 2.0):
         assert says_too_short(model, machine(DUTY, 11, slowness=slowness))
 

@@ -6,6 +6,7 @@ import numpy as np
 
 from thermaltool.effects.scene import Scene
 from thermaltool.model import Drive, Model, Output, Term, acting_drives, relative
+from thermaltool.model.span import spans
 from thermaltool.record import Record
 from thermaltool.responses.deflection import Deflection
 
@@ -79,7 +80,7 @@ def scene(*logs):
         outputs=outputs,
         extra=tuple(c for c in logs[0].columns if c not in known),
         unanswered={},
-        steady={(t.drive, t.output): t.response.dc_gain() for t in machine.terms},
+        spans=spans(machine),
         acting_drives=tuple(acting_drives(machine, (), log) for log in logs),
         simulated=simulated,
         residual=tuple(

@@ -104,11 +104,14 @@ def test_what_is_integrated_out_first_is_as_likely():
     assert _marginal(less, price, 400, _prior(9, p, (q, 0.7))) == pytest.approx(at_once)
 
 
-def test_a_parameter_that_no_row_shows_is_open():
+@pytest.mark.parametrize("unit", [1.0, 1e-3])
+def test_a_parameter_that_no_row_shows_is_open(unit):
+    """The size of a rate, and a gain of a drive that acts where there are no readings."""
     generator = np.random.default_rng(4)
     time = 10.0 * np.arange(600)
-    own = np.column_stack([np.sin(time / 300), np.zeros(len(time)), np.cos(time / 500)])
-    lags = np.column_stack([np.sin(time / 900), np.cos(time / 200)])
+    none = np.zeros(len(time))
+    own = np.column_stack([np.sin(time / 300), none, np.cos(time / 500), none])
+    lags = np.column_stack([np.sin(time / 900), np.cos(time / 200), none])
     known = discrepancy(
         time,
         np.zeros(len(time), np.int64),
@@ -117,12 +120,16 @@ def test_a_parameter_that_no_row_shows_is_open():
         np.ones((len(time), 1)),
         lags,
         None,
-        np.array([2.0]),
-        np.zeros((0, 2)),
+        np.array([2.0, 0.0]),
+        np.array([1.0, 50.0 * unit, 1.0, 1.0, 50.0 * unit]),
+        np.zeros((0, 3)),
     )
-    seen, hidden, gain = np.sqrt(np.diag(known.covariance))[:3]
+    seen, hidden, gain, dead, *lagged = np.sqrt(np.diag(known.covariance))
     assert hidden == pytest.approx(0.3)
     assert max(seen, gain / 2.0) < 0.01
+    # As much as the strongest gain makes, 2 at most.
+    assert 50.0 * unit * dead == pytest.approx(0.3 * 2.0, rel=1e-3)
+    assert 50.0 * unit * lagged[2] < 10 * NOISE
 
 
 @pytest.mark.parametrize("seed", range(3))

@@ -44,9 +44,10 @@ MIN_COVERED = 2.0
 MIN_SETTLED = 3.0
 # ... and one that is not sure says nothing of a log that is so many times longer.
 MAX_BEYOND = 2.0
-# ... and setting its parameters free has to bring the RMS of unseen rows below this share; in logs
-# that go no further than the calibration, to this multiple of what is left of that, too.
-MAX_RMS_LEFT, MAX_RMS_WITHIN = 0.8, 1.5
+# ... and setting its parameters free has to bring the RMS of unseen rows below this share; where a
+# calibration that covers so much may be long enough, in logs that go no further, to this multiple
+# of what is left of that, too.
+MAX_RMS_LEFT, MAX_RMS_WITHIN, MAYBE_COVERED = 0.8, 1.5, 1.0
 
 
 @dataclass(frozen=True)
@@ -311,14 +312,16 @@ def too_short(calibrated: Model, before: Hypothesis, after: Hypothesis) -> Cause
     # As the model stands: what so short a calibration leaves open would do as well.
     gain = held_out_gains(replace(before, assumptions=before.assumptions - {"tight"}), after)
     # Something slow besides bends a model that is free, too, but does not come to be part of it.
-    further = beyond_calibration(calibrated, before.logs)
+    further = {o for o, covered in short.items() if covered < MAYBE_COVERED}
+    further |= beyond_calibration(calibrated, before.logs).keys()
+    left = {o: _left_by_calibration(calibrated, before, o) for o in gain}
     helped = [
         o
         for o, g in gain.items()
         if o in short
         and g.claimed
         and g.rms_after < MAX_RMS_LEFT * g.rms_before
-        and (o in further or g.rms_after < MAX_RMS_WITHIN * _left_by_calibration(before, o))
+        and (o in further or g.rms_after < MAX_RMS_WITHIN * left[o])
         # The state in which a warm machine was found explains as much: no model has to change.
         and g.rms_after < _left_by_start(before, o)
     ]
@@ -332,9 +335,9 @@ def too_short(calibrated: Model, before: Hypothesis, after: Hypothesis) -> Cause
     return Cause(effect, float(2 * sum(moved.values())), {}, gain, 0.0)
 
 
-def _left_by_calibration(hypothesis: Hypothesis, output: str) -> float:
+def _left_by_calibration(calibrated: Model, hypothesis: Hypothesis, output: str) -> float:
     """RMS that the calibration left of an output, no less than the noise of its readings."""
-    fit = next(o.fit for o in hypothesis.model.outputs if o.channel == output)
+    fit = next(o.fit for o in calibrated.outputs if o.channel == output)
     return max(calibration_error(fit), hypothesis.nuisance[output].white)
 
 

@@ -28,6 +28,7 @@ from thermaltool.model import (
     zero_of,
 )
 from thermaltool.model.simulate import acting_effects, dead_times
+from thermaltool.model.span import spans
 from thermaltool.record import Record
 from thermaltool.signals.row_groups import RowGroups
 
@@ -362,13 +363,13 @@ class SimulatedLogs:
         known = {d.channel for d in self.model.drives} | {o.channel for o in self.model.outputs}
         used = {c for e in self.model.effects for c in e.needs()}
         beside = [c for c in self.logs[0].columns if c not in known | used]
-        steady = {
-            (term.drive, term.output): term.response.dc_gain()
+        answered = {
+            (term.drive, term.output)
             for term in self.model.terms
             if not isinstance(term.response, LagBank)
         }
         unanswered = {
-            d.channel: tuple(o for o in self.groups if (d.channel, o) not in steady)
+            d.channel: tuple(o for o in self.groups if (d.channel, o) not in answered)
             for d in self.model.drives
             if d.channel not in used and all(_moves(log, d.channel) for log in self.logs)
         }
@@ -378,7 +379,7 @@ class SimulatedLogs:
             outputs=tuple(self.groups),
             extra=tuple(c for c in beside if all(_moves(log, c) for log in self.logs)),
             unanswered={drive: outputs for drive, outputs in unanswered.items() if outputs},
-            steady=steady,
+            spans=spans(self.model),
             acting_drives=tuple(self.inputs),
             simulated=tuple(self.outputs),
             residual=tuple(

@@ -16,8 +16,8 @@ from thermaltool.record import Record
 from thermaltool.units import is_temperature
 
 # Temperature of the structure for one of the air at most, with what a sensor may be off by; a
-# displacement for one, over what it is in the end for one of the hottest sensor as a drive warms
-# it; and a swing over what a log shows of it.
+# displacement for one, over what it is for one of the hottest sensor as the drives can warm it; and
+# a swing over what a log shows of it.
 MAX_AIR_GAIN, MAX_AIR_GROWTH, MAX_SWING = 1.2, 10.0, 1.5
 
 
@@ -80,13 +80,8 @@ class AmbientDrift(HeatSource):
         if is_temperature(output):
             # Nothing warms more than the air that warms it.
             return MAX_AIR_GAIN
-        heated, growths = [o for o in scene.outputs if is_temperature(o)], []
-        for drive in scene.drives:
-            warmed = [abs(scene.steady.get((drive, o), 0.0)) for o in heated]
-            hottest = max([*warmed, float(is_temperature(drive))])
-            if hottest > 0:
-                growths.append(abs(scene.steady.get((drive, output), 0.0)) / hottest)
-        return MAX_AIR_GROWTH * max(growths, default=np.inf)
+        hottest = max((scene.spans[o] for o in scene.spans if is_temperature(o)), default=0.0)
+        return MAX_AIR_GROWTH * scene.spans[output] / hottest if hottest > 0 else np.inf
 
     def _seen(self, swing: float, output: str, scene: Scene) -> bool:
         """Whether a log shows a swing, not the beginning of it, and no more than the machine."""

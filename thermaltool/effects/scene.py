@@ -24,8 +24,8 @@ class Scene:
     drives, outputs, extra : tuple of str
         Channels that drive the model, that it computes, and that are in every log beside it.
     unanswered : mapping of drive to outputs in which the model has no response to it
-    steady : mapping of (drive, output) to float
-        Steady gains of the model.
+    spans : mapping of output to float
+        How far the drives can move every output of the model (`model.span`).
     acting_drives : tuple of mapping, one for each log
         Each drive relative to its reference, ndarray (n,).
     simulated, residual : tuple of mapping, one for each log
@@ -41,7 +41,7 @@ class Scene:
     outputs: tuple[str, ...]
     extra: tuple[str, ...]
     unanswered: Mapping[str, tuple[str, ...]]
-    steady: Mapping[tuple[str, str], float]
+    spans: Mapping[str, float]
     acting_drives: tuple[Mapping[str, Float], ...]
     simulated: tuple[Mapping[str, Float], ...]
     residual: tuple[Mapping[str, Float], ...]

@@ -104,6 +104,7 @@ def discrepancy(
     lags: Float,
     instants: Instants | None,
     gains: Float,
+    levels: Float,
     spread: Float,
 ) -> Discrepancy:
     """Posterior from the residual of a calibration.
@@ -118,14 +119,15 @@ def discrepancy(
         in their units.
     instants : Instants, optional
         Of switches between the rows.
-    gains : ndarray, shape (g,)
-        The last of the parameters; those before them are logarithms.
+    gains : ndarray, shape (g,) [unit of the output per unit of a drive]
+        Values of the last of the parameters; those before them are logarithms.
+    levels : ndarray, shape (g + q,)
+        Largest value of the drive of each gain and lag, for those that no row shows.
     spread : ndarray, shape (m, q)
         See `Discrepancy`.
     """
     # The prior is one of what is seen, whatever the unit of a drive.
-    level = np.max(np.abs(lags), axis=0, initial=0.0)
-    level[level == 0] = 1.0  # no row shows it
+    level = _largest(lags, levels[len(gains) :])
     late = np.empty((len(residual), 0)) if instants is None else instants.columns
     beside = residual if instants is None else instants.left(residual, np.ones(len(residual)))
     # What stands alone is no noise, and would pass for much of it.
@@ -160,7 +162,7 @@ def discrepancy(
     _, (ratio, tau), size, white = best
     gram = rows.T @ noise.factor(ratio, tau).solve(rows)
     prior = _prior(len(gram) - 1, p, (q, size), (m, 1 / white))
-    span = _sizes(own, gains)
+    span = _sizes(own, gains, levels[: len(gains)])
     # Beside no lags: what the noise alone leaves open of the parameters stays open beside them, and
     # what it does not show at all is open to the most.
     lagless = np.delete(np.arange(len(gram)), slice(1 + p, 1 + p + q))
@@ -211,13 +213,21 @@ def spread(
     return np.asarray((differ @ steps.T @ inverse.T).reshape(len(others), len(here) * len(lags)))
 
 
-def _sizes(own: Float, gains: Float) -> Float:
-    """Size of each parameter, shape (p,): one for a logarithm; of a gain, what makes as much as the
-    gain that makes the most."""
-    peak = np.max(np.abs(own[:, own.shape[1] - len(gains) :]), axis=0)
-    peak[peak == 0] = 1.0
-    most = max(float(np.max(peak * np.abs(gains))), 1e-300)
-    return np.append(np.ones(own.shape[1] - len(gains)), most / peak)
+def _largest(columns: Float, levels: Float) -> Float:
+    """Largest absolute value of each column; that of its drive where no row shows any."""
+    largest = np.max(np.abs(columns), axis=0, initial=0.0)
+    return np.where(largest > 0, largest, levels)
+
+
+def _sizes(own: Float, gains: Float, levels: Float) -> Float:
+    """Size of each parameter, shape (p,): one for a logarithm, of a gain what it makes at most.
+
+    All gains make as much as the strongest, whatever the units of their drives.
+    """
+    first = own.shape[1] - len(gains)
+    makes = _largest(own[:, first:], levels)
+    most = max(float(np.max(makes * np.abs(gains), initial=0.0)), 1e-300)
+    return np.append(np.ones(first), most / makes)
 
 
 def _beside(gram: Float, first: int, count: int, size: float) -> tuple[Float, float]:

@@ -10,7 +10,7 @@ import numpy as np
 
 from thermaltool.errors import FitError, counted
 from thermaltool.fitting.covariance import block_covariance
-from thermaltool.fitting.discrepancy import AS_NEAR, Discrepancy, discrepancy, spread
+from thermaltool.fitting.discrepancy import Discrepancy, discrepancy, spread
 from thermaltool.fitting.instants import Instants, fitted_instants
 from thermaltool.fitting.parametrization import Parametrization
 from thermaltool.fitting.possible import CANCELLING_LOSS
@@ -19,13 +19,12 @@ from thermaltool.fitting.projection import (
     GridStates,
     Triangle,
 )
-from thermaltool.fitting.start_search import StartSearch
+from thermaltool.fitting.start_search import StartSearch, shared_otherwise
 from thermaltool.fitting.unidentified import cancelling, unidentified, unsettled
 from thermaltool.model import Drive, relative
 from thermaltool.record import Record
 from thermaltool.responses import Response, response_class
 from thermaltool.responses.modes import Float
-from thermaltool.signals.detrend import difference_sigma
 from thermaltool.signals.robust import robust_std
 
 Loss = Literal["linear", "huber"]
@@ -33,8 +32,6 @@ Loss = Literal["linear", "huber"]
 # Of the logarithm of a rate or shape that no row says anything of: a factor of 400 either way, at
 # 95 %.
 RATE_DEVIATION = 3.0
-# Ends of a search whose weights differ by less, as a share, are one.
-SAME_END = 0.1
 # Residuals beyond this many robust standard deviations count linearly (Huber); their weights are
 # found anew at most so often, until none changes by more than this.
 HUBER_THRESHOLD, MAX_REWEIGHTINGS, WEIGHT_TOLERANCE = 2.5, 8, 1e-3
@@ -119,8 +116,7 @@ def check_records(records: Sequence[Record], drives: Sequence[Drive], output: st
         if len(record) < 2:
             raise FitError(f"a log of {counted(len(record), 'row')} says nothing of a response")
     for drive in drives:
-        inputs = [relative(r.column(drive.channel), drive.reference, drive.hold) for r in records]
-        if not any(np.any(u) for u in inputs):
+        if not any(np.any(u) for u in _inputs(records, drive)):
             others = "; leave it out" if len(drives) > 1 else ""
             raise FitError(f"{drive.channel} never leaves its reference: nothing to fit{others}")
     readings = [y[np.isfinite(y)] for y in (record.column(output) for record in records)]
@@ -271,41 +267,23 @@ def fit_output(
         theta = refined(theta)
         if np.max(np.abs(theta - before), initial=0.0) < WEIGHT_TOLERANCE:
             break
+    moving = [*drives, *without]
+    levels = [max(float(np.max(np.abs(u))) for u in _inputs(records, d)) for d in moving]
     lags = problem
     if any(delays) or without:
         # What a calibration knows beyond its kind is told of the drives as they are.
-        lags = CalibrationProblem.assemble(
-            records, [*drives, *without], output, free_start, (), states
-        )
+        lags = CalibrationProblem.assemble(records, moving, output, free_start, (), states)
     if len(drives) > 1 and not without:
         ends = [each for each in within if is_sound(each)]
-        others = [*others, *_shared_otherwise(search, theta, ends, triangle)]
-    return _described(search, theta, triangle, weights, duration, rmses, lags, instants, others)
+        others = [*others, *shared_otherwise(search, theta, ends, triangle)]
+    return _described(
+        search, theta, triangle, weights, duration, rmses, lags, np.array(levels), instants, others
+    )
 
 
-def _shared_otherwise(
-    search: StartSearch, theta: Float, ends: Sequence[Float], triangle: Triangle
-) -> list[Float]:
-    """Grid weights of other ends of the search that leave no more than a reading's noise besides.
-
-    What several drives do together they may share in other ways, which the slopes at one end of
-    the search do not show.
-    """
-    own, problem = search.parametrization, search.problem
-
-    def fitted(end: Float) -> tuple[Float, Float]:
-        left, linear = search.fitted(end, triangle)
-        weights = own.unit_weights(end, problem.grid) @ linear[: own.gains]
-        return left, weights.reshape(problem.drives, -1)
-
-    least, taken = fitted(theta)
-    most = np.mean(least**2) + (AS_NEAR * difference_sigma(least)) ** 2
-    apart = [taken]
-    for left, weights in map(fitted, ends):
-        change = min(float(np.linalg.norm(weights - each)) for each in apart)
-        if np.mean(left**2) <= most and change > SAME_END * np.linalg.norm(taken):
-            apart.append(weights)
-    return apart[1:]
+def _inputs(records: Sequence[Record], drive: Drive) -> list[Float]:
+    """A drive in every record, relative to its reference."""
+    return [relative(r.column(drive.channel), drive.reference, drive.hold) for r in records]
 
 
 def _huber_weights(residual: Float) -> Float | None:
@@ -324,6 +302,7 @@ def _described(
     duration: float,
     starts: tuple[float, ...],
     undelayed: CalibrationProblem,
+    levels: Float,
     instants: Instants | None,
     others: Sequence[Float],
 ) -> OutputFit:
@@ -370,6 +349,10 @@ def _described(
         bank,
         instants,
         linear[:gains],
+        np.append(
+            np.repeat(levels[: problem.drives], [len(c.gains) for c in parametrization.classes]),
+            np.repeat(levels, len(lags)),
+        ),
         spread(problem.grid.rates, lags, duration, others, own),
     )
     beside = residual if instants is None else residual - instants.columns @ slack.instants

@@ -9,11 +9,13 @@ import numpy as np
 from scipy.optimize import least_squares
 
 from thermaltool.errors import FitError
+from thermaltool.fitting.discrepancy import AS_NEAR
 from thermaltool.fitting.parametrization import SLOPE_STEP, Parametrization
 from thermaltool.fitting.possible import Soundness, impossible
 from thermaltool.fitting.projection import CalibrationProblem, Triangle
 from thermaltool.model import Drive
 from thermaltool.responses.modes import Float
+from thermaltool.signals.detrend import difference_sigma
 
 
 @dataclass(frozen=True)
@@ -32,6 +34,8 @@ class Tolerance:
     central: bool
 
 
+# Ends of a search whose weights differ by less, as a share, are one.
+SAME_END = 0.1
 # In a comparison all starts take so many steps, and so many of them go on.
 FIRST_STEPS, LEADERS = 8, 2
 # Step of a trust region that counts as one, in logarithms; where the search ends.
@@ -187,3 +191,40 @@ class StartSearch:
             max(response.slowest() for response in responses) / duration,
             impossible(drives, output, responses),
         )
+
+
+def shared_otherwise(
+    search: StartSearch, theta: Float, ends: Sequence[Float], triangle: Triangle
+) -> list[Float]:
+    """Grid weights of other ends of the search that leave no more than a reading's noise besides.
+
+    What several drives do together they may share in other ways, which the slopes at one end of
+    the search do not show.
+
+    Parameters
+    ----------
+    search : StartSearch
+    theta : ndarray, shape (searched,)
+        The end that was taken.
+    ends : sequence of ndarray, shape (searched,)
+    triangle : Triangle
+
+    Returns
+    -------
+    list of ndarray, shape (drives, rates)
+    """
+    own, problem = search.parametrization, search.problem
+
+    def fitted(end: Float) -> tuple[Float, Float]:
+        left, linear = search.fitted(end, triangle)
+        weights = own.unit_weights(end, problem.grid) @ linear[: own.gains]
+        return left, weights.reshape(problem.drives, -1)
+
+    least, taken = fitted(theta)
+    most = np.mean(least**2) + (AS_NEAR * difference_sigma(least)) ** 2
+    apart = [taken]
+    for left, weights in map(fitted, ends):
+        change = min(float(np.linalg.norm(weights - each)) for each in apart)
+        if np.mean(left**2) <= most and change > SAME_END * np.linalg.norm(taken):
+            apart.append(weights)
+    return apart[1:]
