@@ -8,6 +8,7 @@ import numpy as np
 import pytest
 from machines.shop import BASE, HEAD, HEAT, ROOM, shop_columns
 
+from thermaltool.effects.channels import is_possible_gain
 from thermaltool.fitting.calibrate import calibrate
 from thermaltool.fitting.calibration_plan import CalibrationPlan
 from thermaltool.fitting.covariance import block_covariance
@@ -103,3 +104,20 @@ def test_kinds_that_come_as_near_widen_what_is_known():
     ends = np.reshape(given.fit["discrepancy"]["spread"], (-1, len(lags)))
     assert np.max(120.0 * np.abs(ends @ late), initial=0.0) < 0.1 * given.fit["noise"]
     assert len(ends) < len(spread)
+
+
+@pytest.mark.parametrize(
+    ("source", "output", "gain", "is_possible"),
+    [
+        ("T_oil_degC", OUTPUT, -1.0, False),  # nothing that is warmer cools
+        ("T_oil_degC", OUTPUT, 2.5, True),
+        ("T_aria_degC", OUTPUT, 2.5, False),
+        ("T_Halle2_degC", OUTPUT, 2.5, False),
+        ("T_hallway_degC", OUTPUT, 2.5, True),
+        ("dT_pair_K", OUTPUT, -1.0, True),
+        ("T_oil_degC", "dT_pair_K", -1.0, True),
+        ("T_oil_degC", "d_z_um", -40.0, True),
+    ],
+)
+def test_how_far_a_temperature_may_move_another(source, output, gain, is_possible):
+    assert is_possible_gain(source, output, gain) is is_possible

@@ -5,28 +5,43 @@ from __future__ import annotations
 import numpy as np
 
 from thermaltool.effects.scene import Scene
-from thermaltool.units import is_displacement, is_temperature, parse_channel
+from thermaltool.units import is_absolute, is_displacement, is_temperature, parse_channel
 
 # Taken for rest where no absolute temperature is known [degC].
 ROOM_DEGC = 20.0
+# In English, German, French, Italian, Spanish.
 AIR_WORDS = {
     "air",
+    "aire",
     "amb",
+    "ambiance",
     "ambient",
+    "ambiente",
+    "aria",
+    "atelier",
     "env",
     "environment",
     "hall",
+    "halle",
     "lab",
+    "luft",
+    "officina",
     "outside",
+    "raum",
     "room",
+    "sala",
+    "salle",
     "shop",
+    "taller",
+    "umgebung",
+    "werkstatt",
     "workshop",
 }
-PART_WORDS = {"part", "work", "workpiece"}
+PART_WORDS = {"part", "pezzo", "piece", "pieza", "werkstueck", "work", "workpiece"}
 # Of a temperature to one that it warms: nothing warms more than what warms it, but the logged
 # sensor may be on its far side. Air warms a machine by as much in the long run, where nothing else
-# does.
-MAX_TEMPERATURE_GAIN, AIR_GAINS = 3.0, (-0.5, 2.0)
+# does; and nothing that is warmer cools it, but for what a record leaves open.
+MAX_TEMPERATURE_GAIN, MAX_FROM_AIR, MIN_WARMING = 3.0, 2.0, -0.5
 
 
 def _speaks_of(channel: str, words: set[str]) -> bool:
@@ -66,8 +81,9 @@ def is_possible_gain(source: str, output: str, gain: float) -> bool:
     """
     if not (is_temperature(source) and is_temperature(output)):
         return True
-    low, high = AIR_GAINS if is_air(source) else (-MAX_TEMPERATURE_GAIN, MAX_TEMPERATURE_GAIN)
-    return low <= gain <= high
+    warms = is_absolute(source) and is_absolute(output)
+    low = MIN_WARMING if warms else -MAX_TEMPERATURE_GAIN
+    return low <= gain <= (MAX_FROM_AIR if is_air(source) else MAX_TEMPERATURE_GAIN)
 
 
 def unknown_channels(scene: Scene) -> tuple[str, ...]:
