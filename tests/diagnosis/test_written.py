@@ -282,6 +282,19 @@ def test_what_a_warm_start_hides_is_right_and_written():
     assert (log.digest, output) == ("warm", "d_y_um")
 
 
+def test_the_curves_of_a_report_are_those_of_simulate():
+    calm = record(QUICK, 1)
+    read = calm.columns["d_y_um"] + 60.0 * np.exp(-TIME / 150.0) + 3.0 * (TIME > 2000.0)
+    warm = Record(TIME, {**calm.columns, "d_y_um": read}, digest="warm")
+    found = diagnose(QUICK, [warm])
+    assert [cause.effect.name for cause in found.causes] == ["geometry_step"]
+    ((_, curves),) = found.curves
+    for name, model in (("simulated", QUICK), ("extended", found.model)):
+        error = curves.columns["measured"] - curves.columns[name]
+        told = tt.simulate(model, warm).agreements["d_y_um"]
+        assert np.std(error) == pytest.approx(np.sqrt(told.rmse**2 - told.mean**2), rel=1e-6)
+
+
 def test_heat_that_goes_on_is_no_start():
     warm = replace(record(QUICK, 1), digest="warm")
     values = {"gain[d_y_um]": 40.0, "start": float(TIME[0]), "time_constant": 60.0}

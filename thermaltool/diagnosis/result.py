@@ -351,7 +351,7 @@ def reports_of(
 def curves_of(
     first: Hypothesis, plain: Hypothesis, extended: Hypothesis | None
 ) -> tuple[tuple[str, Record], ...]:
-    """Measured, simulated and extended of every log and output, from the start that each fits.
+    """Measured, simulated and extended of every log and output, as `simulate` has them.
 
     Parameters
     ----------
@@ -365,11 +365,10 @@ def curves_of(
         for output, measured in first.simulation.measured[k].items():
             if output not in first.groups:
                 continue
-            simulated = plain.simulation.outputs[k][output] + plain.beginning(output)[k]
-            columns = {"measured": measured, "simulated": simulated}
-            if extended is not None:
-                own = extended.simulation.outputs[k][output]
-                columns["extended"] = own + extended.beginning(output)[k]
+            columns = {"measured": measured}
+            for name, each in (("simulated", plain), ("extended", extended)):
+                if each is not None:
+                    columns[name] = each.simulation.as_simulated(output)[k][1]
             record = replace(log, columns=columns)
             # Averages have rows of the drives alone.
             averages = isinstance(log, Averages)

@@ -111,8 +111,9 @@ def draw_curves(output: str, record: Record, document: Document) -> Figure:
     trace_record(top, record, measured, color=MEASURED, lw=3.0, label="measured")
     models = [("before", "model as it is", record.column("simulated"), ERROR)]
     if "extended" in record.columns:
-        names = "\n".join(dict.fromkeys(cause["name"] for cause in document["causes"]))
-        models.append(("after", f"model with\n{names}", record.column("extended"), COMPUTED))
+        names = dict.fromkeys(cause["name"] for cause in document["causes"])
+        names.pop("unknown", None)  # is no part of a model
+        models.append(("after", "\n".join(["model with", *names]), record.column("extended"), COMPUTED))
     spreads = []
     for when, name, values, color in models:
         residual = measured - values
