@@ -73,7 +73,7 @@ def undecided(hypothesis: Hypothesis, budgets: Mapping[str, ResidualBudget]) -> 
             found.append(
                 f"{output}: the calibration leaves open {_most_open(hypothesis, output)}, which "
                 f"makes {np.sqrt(each.shown**2 - each.unexplained**2):.3g} {unit} in this log: "
-                "calibrate on this log beside the calibration's own"
+                "calibrate on such a log of a machine that is sound, beside the calibration's own"
             )
         elif each.too_large and not each.wrong:
             found.append(
