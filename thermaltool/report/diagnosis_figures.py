@@ -113,7 +113,8 @@ def draw_curves(output: str, record: Record, document: Document) -> Figure:
     if "extended" in record.columns:
         names = dict.fromkeys(cause["name"] for cause in document["causes"])
         names.pop("unknown", None)  # is no part of a model
-        models.append(("after", "\n".join(["model with", *names]), record.column("extended"), COMPUTED))
+        name = "\n".join(["model with", *names])
+        models.append(("after", name, record.column("extended"), COMPUTED))
     spreads = []
     for when, name, values, color in models:
         residual = measured - values
