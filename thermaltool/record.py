@@ -268,9 +268,26 @@ def channel_table(channels: Sequence[ChannelSummary]) -> list[str]:
 
 
 def hint(name: str, known: Iterable[str]) -> str:
-    """The names nearest to `name`, as the tail of a message; else all that there are."""
+    """The names nearest to `name`, as the tail of a message; else all that there are.
+
+    Of the same channel in another unit, the line of a column map that turns it.
+    """
     known = list(known)
+    for other in known:
+        if unit := _other_unit(name, other):
+            line = f'{other} = {{ name = "{name}", unit = "{unit}" }}'
+            return f" (there is {other}; a column map turns it: {line})"
     near = get_close_matches(name, known, n=3, cutoff=0.6)
     if near:
         return f" (near: {', '.join(near)})"
     return f" (there are: {', '.join(known)})" if known else ""
+
+
+def _other_unit(name: str, other: str) -> str | None:
+    """Unit of a channel that is another one in all but its unit; None where it is not."""
+    try:
+        one, two = parse_channel(name), parse_channel(other)
+    except UnitError:
+        return None
+    same = (one.quantity, one.place, one.dimension) == (two.quantity, two.place, two.dimension)
+    return two.unit if same and one.unit != two.unit else None
