@@ -276,7 +276,7 @@ def hint(name: str, known: Iterable[str]) -> str:
     for other in known:
         if unit := _other_unit(name, other):
             line = f'{other} = {{ name = "{name}", unit = "{unit}" }}'
-            return f" (there is {other}; a column map turns it: {line})"
+            return f" (there is {other}; a line under [columns] of a map turns it: {line})"
     near = get_close_matches(name, known, n=3, cutoff=0.6)
     if near:
         return f" (near: {', '.join(near)})"

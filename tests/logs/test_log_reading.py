@@ -176,7 +176,7 @@ def test_a_missing_column_is_told_with_its_neighbours(log_of) -> None:
     with pytest.raises(LogError, match=r"there are: T_spindle_degC, d_z_um"):
         log_of(data).column("Q_main_W")
     line = r'd_z_um = \{ name = "d_z_mm", unit = "um" \}'
-    with pytest.raises(LogError, match=rf"there is d_z_um; a column map turns it: {line}"):
+    with pytest.raises(LogError, match=rf"there is d_z_um; a line under \[columns\] of a map turns it: {line}"):
         log_of(data).column("d_z_mm")
 
 

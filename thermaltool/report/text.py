@@ -88,7 +88,7 @@ def range_messages(
         yield (
             f"{log.name}: {each.channel}: its size is {each.logged:.4g} {unit} here, "
             f"{each.seen:.4g} {unit} in the calibration: is this log in {printed(each.unit)}? A "
-            f'column map turns it: {each.channel} = {{ name = "{each.channel}", unit = '
+            f'line under [columns] of a map turns it: {each.channel} = {{ name = "{each.channel}", unit = '
             f'"{each.unit}" }}'
         )
     asked = {each.channel for each in suspects}
