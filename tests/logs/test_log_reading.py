@@ -175,8 +175,8 @@ def test_a_missing_column_is_told_with_its_neighbours(log_of) -> None:
         log_of(data, need=["T_spindel_degC"])
     with pytest.raises(LogError, match=r"there are: T_spindle_degC, d_z_um"):
         log_of(data).column("Q_main_W")
-    line = r'd_z_um = \{ name = "d_z_mm", unit = "um" \}'
-    with pytest.raises(LogError, match=rf"there is d_z_um; a line under \[columns\] of a map turns it: {line}"):
+    line = r'\[columns\] of a map turns it: d_z_um = \{ name = "d_z_mm", unit = "um" \}'
+    with pytest.raises(LogError, match=rf"there is d_z_um; a line under {line}"):
         log_of(data).column("d_z_mm")
 
 

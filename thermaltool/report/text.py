@@ -88,8 +88,8 @@ def range_messages(
         yield (
             f"{log.name}: {each.channel}: its size is {each.logged:.4g} {unit} here, "
             f"{each.seen:.4g} {unit} in the calibration: is this log in {printed(each.unit)}? A "
-            f'line under [columns] of a map turns it: {each.channel} = {{ name = "{each.channel}", unit = '
-            f'"{each.unit}" }}'
+            f"line under [columns] of a map turns it: {each.channel} = {{ name = "
+            f'"{each.channel}", unit = "{each.unit}" }}'
         )
     asked = {each.channel for each in suspects}
     for excursion in excursions(model, log.columns, zeros):
