@@ -275,12 +275,24 @@ def hint(name: str, known: Iterable[str]) -> str:
     known = list(known)
     for other in known:
         if unit := _other_unit(name, other):
-            line = f'{other} = {{ name = "{name}", unit = "{unit}" }}'
-            return f" (there is {other}; a line under [columns] of a map turns it: {line})"
+            return f" (there is {other}; a {map_line(other, name, unit)})"
     near = get_close_matches(name, known, n=3, cutoff=0.6)
     if near:
         return f" (near: {', '.join(near)})"
     return f" (there are: {', '.join(known)})" if known else ""
+
+
+def map_line(column: str, channel: str, unit: str) -> str:
+    """What makes a channel of a column in another unit: a line of a column map, with its place.
+
+    Parameters
+    ----------
+    column, channel : str
+    unit : str
+        Of the column.
+    """
+    line = f'{column} = {{ name = "{channel}", unit = "{unit}" }}'
+    return f"line under [columns] of a map turns it: {line}"
 
 
 def _other_unit(name: str, other: str) -> str | None:

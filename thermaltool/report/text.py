@@ -7,6 +7,7 @@ from typing import TYPE_CHECKING
 
 from thermaltool.errors import counted
 from thermaltool.model.validity import excursions, unit_suspects
+from thermaltool.record import map_line
 from thermaltool.status import PARTED
 from thermaltool.units import Hold, hold_of, parse_channel, printed, symbol
 
@@ -88,8 +89,7 @@ def range_messages(
         yield (
             f"{log.name}: {each.channel}: its size is {each.logged:.4g} {unit} here, "
             f"{each.seen:.4g} {unit} in the calibration: is this log in {printed(each.unit)}? A "
-            f"line under [columns] of a map turns it: {each.channel} = {{ name = "
-            f'"{each.channel}", unit = "{each.unit}" }}'
+            + map_line(each.channel, each.channel, each.unit)
         )
     asked = {each.channel for each in suspects}
     for excursion in excursions(model, log.columns, zeros):
