@@ -29,13 +29,14 @@ def source(channel: str, gain: float):
     return effect_class("second_source")(channel, {f"gain[{Z}]": gain, "time_constant": 50.0})
 
 
-def found(*effects):
-    """The search for causes in a log that the plain model fits, with such causes accepted."""
+def found(*effects, truth=()):
+    """The search for causes in a log of the model with `truth`, with such causes accepted."""
     heat = np.repeat([0.0, 1.0, 0.3, 0.8, 0.0, 0.5, 1.0, 0.0], 100)
     switched = np.repeat([0.0, 0.0, 1.0, 0.0, 1.0, 1.0, 0.0, 1.0], 100)
     columns = {HEAT: heat, ONE: switched, OTHER: switched.copy()}
     noise = 0.1 * np.random.default_rng(3).standard_normal(len(TIME))
-    columns[Z] = MODEL.simulate(Record(TIME, columns, digest="log"))[Z] + noise
+    machine = replace(MODEL, effects=truth)
+    columns[Z] = machine.simulate(Record(TIME, columns, digest="log"))[Z] + noise
     task = DiagnosisTask(
         MODEL, (Record(TIME, columns, digest="log"),), (), (), lambda message: None
     )
@@ -52,3 +53,12 @@ def test_causes_that_undo_each_other_are_no_gain(monkeypatch):
     search = found(source(ONE, 30.0), source(OTHER, -30.0))
     assert search.causes == ()
     assert any("with it no log is better" in note for note in search.notes)
+
+
+def test_a_model_that_is_not_written_says_nothing_of_its_causes(monkeypatch):
+    """Beside a cause that spoils the model a true one seems to explain nothing."""
+    monkeypatch.setattr("thermaltool.diagnosis.pruning._backward", lambda search: search)
+    gain = effect_class("sensor_gain")(Z, {"gain": 1.5}, "log")
+    search = found(gain, source(ONE, -300.0), truth=(gain,))
+    assert [cause.effect for cause in search.causes] == [gain]
+    assert search.notes == ("second_source is left out: with it a log would be worse",)

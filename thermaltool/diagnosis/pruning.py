@@ -30,9 +30,11 @@ def pruned(task: DiagnosisTask, first: Hypothesis, search: SearchState) -> Searc
     search : SearchState
         At the end of the forward selection.
     """
-    search = _backward(search)
-    for step in (_of_use, _harmless, _of_no_harm, _of_gain):
-        search = step(task, search)
+    used = _of_use(task, _backward(search))
+    safe = _of_no_harm(task, _harmless(task, used))
+    if safe is not used:
+        safe = _of_use(task, safe)
+    search = _of_gain(task, safe)
     return _of_no_rest(task, first, _of_no_curve(task, search))
 
 
@@ -55,9 +57,13 @@ def _of_use(task: DiagnosisTask, search: SearchState) -> SearchState:
     """The search without causes that change nothing for the better in the written model.
 
     Where a log does not begin at rest, what `simulate` leaves of one output says too little of a
-    cause; all of them together do not.
+    cause; all of them together do not. A model that would be worse than the one that came in is not
+    written, and says nothing of its causes.
     """
-    while (useless := _useless(task, search)) is not None:
+    while search.spoiled(task, search.written(task)) is None:
+        useless = _useless(task, search)
+        if useless is None:
+            break
         search = _dropped(search, useless, "explains nothing in the written model")
     return search
 
