@@ -70,7 +70,8 @@ def searched(task: DiagnosisTask, start: SearchState) -> tuple[DiagnosisTask, Se
         Without any cause.
     """
     search = _found(task, start)
-    if task.own or rest_of(task, start.hypothesis, search) is None:
+    spoiled = search.spoiled(task, search.written(task)) is not None
+    if task.own or (not spoiled and rest_of(task, start.hypothesis, search) is None):
         return task, search
     sound = _sound_logs(task)
     if not sound:
@@ -131,6 +132,9 @@ def _found(task: DiagnosisTask, search: SearchState) -> SearchState:
 def _left(task: DiagnosisTask, search: SearchState, noise: Callable[[str], float]) -> float:
     """Power that the written model leaves of the worst output, over that of noise, less one."""
     model = search.written(task)
+    if search.spoiled(task, model) is not None:
+        # It is not written: what came in stays.
+        model = task.model
     if any(cannot_run(model, log) is not None for log in task.logs):
         return np.inf
     runs = SimulatedLogs(model, task.logs, search.hypothesis.simulation.masked)
