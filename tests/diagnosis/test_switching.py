@@ -84,7 +84,7 @@ def test_what_switching_explains_is_no_cause():
 def test_switching_is_no_misfit_of_a_model_that_is_free():
     found = first(log(3))
     free = found.under(released(found.assumptions), model())
-    budget = budget_of(free, free, BEND, NOISE, 100.0)
+    budget = budget_of(free, free, (BEND, 0), NOISE, 100.0)
     assert budget.total > 2 * NOISE
     assert budget.unexplained == pytest.approx(NOISE, rel=0.2)
     assert not budget.wrong

@@ -65,6 +65,23 @@ def test_what_no_cause_explains_is_told_with_its_place(model: Model) -> None:
     assert all(effect.name != "unknown" for effect in found.model.effects)
 
 
+@pytest.mark.parametrize("size", [1.0, 4.0])
+def test_one_bad_log_among_good_ones_is_not_averaged_away(model: Model, size: float) -> None:
+    """Three humps of no cause in the second of four days."""
+    humps = sum(
+        height * np.exp(-0.5 * ((TIME - middle) / width) ** 2)
+        for height, middle, width in ((1.2, 1500, 120), (-1.0, 2600, 200), (1.1, 4100, 160))
+    )
+    days = [machine(DUTY, seed) for seed in (20, 21, 22, 23)]
+    days[1] = days[1] + size * humps
+    found = diagnose(model, [log(day, f"day {k}") for k, day in enumerate(days)])
+    (cause,) = found.causes
+    assert (found.verdict, cause.effect.name) == ("not adequate", "unknown")
+    assert cause.location is not None
+    assert cause.location.log == found.residuals["d_y_um"].log == "day 1"
+    assert found.noise_share < 0.2
+
+
 def test_a_short_calibration_comes_before_any_cause() -> None:
     """Fifteen minutes with one step leave open what a machine of eight minutes does later."""
     rows = 300
@@ -113,7 +130,7 @@ def test_what_decides(
     shown: float, unexplained: float, calibrated: float, misfit: float, verdict: str
 ) -> None:
     budget = ResidualBudget(10.0, shown, unexplained, 1.0, 1.0, calibrated, misfit, 50.0)
-    assert verdict_of({"d_y_um": budget}, ()) == verdict
+    assert verdict_of({("d_y_um", 0): budget}, ()) == verdict
 
 
 def together(spread: float, kind: str | None, draw: int) -> Model:
@@ -194,8 +211,8 @@ def test_heat_of_an_unknown_channel_comes_by_two_lags(model: Model, is_drive: bo
 
 def test_what_a_log_shows_about_once_is_not_judged() -> None:
     slow, shown = (ResidualBudget(3.0, 3.0, 3.0, 1.0, 1.0, 1.1, 0.0, rows) for rows in (1.0, 50.0))
-    assert verdict_of({"d_y_um": slow}, ()) == "cannot judge"
-    assert verdict_of({"d_y_um": shown}, ()) == "not adequate"
+    assert verdict_of({("d_y_um", 0): slow}, ()) == "cannot judge"
+    assert verdict_of({("d_y_um", 0): shown}, ()) == "not adequate"
 
 
 def test_evidence_grows_with_what_is_left() -> None:

@@ -16,9 +16,11 @@ from thermaltool.diagnosis.lasting import MIN_TIMES_ALLOWED, Recurrence, may_rec
 from thermaltool.diagnosis.noisy_states import noisy_states
 from thermaltool.diagnosis.residual_budget import (
     ADEQUATE_SHARE,
+    Place,
     ResidualBudget,
     reading_noise,
     weigh_residuals,
+    worst_places,
 )
 from thermaltool.diagnosis.result import Alternative, Cause, Diagnosis, curves_of, unconfirmed
 from thermaltool.diagnosis.search import HAS_CHANGED
@@ -77,6 +79,7 @@ def answer(task: DiagnosisTask, first: Hypothesis, search: SearchState) -> Diagn
         written = replace(written, spoiled=f"{worse[1]} in {worse[0].name or 'a log'}")
     reports, budgets = weigh_residuals(first, plain, noise)
     ended = judged_by(last, task, fitted) if effects else search.ended
+    worst = worst_places(budgets)
     # Without a cause the written model is the one that came in, and what is left is what it leaves.
     after, left = reports, budgets
     if effects:
@@ -109,9 +112,6 @@ def answer(task: DiagnosisTask, first: Hypothesis, search: SearchState) -> Diagn
     def severity(cause: Cause) -> Mapping[str, Severity]:
         if cause.severity:
             return cause.severity
-        if cause.location is not None:
-            rms, worst = cause.location.rms, after[cause.location.output].worst
-            return {cause.location.output: Severity(worst.rms if worst else rms, rms)}
         if cause.effect.name == "outliers":
             return severity_of_outliers(extended, full.logs, masked)
         return severity_of(extended, cause.effect, full.logs)
@@ -153,7 +153,7 @@ def answer(task: DiagnosisTask, first: Hypothesis, search: SearchState) -> Diagn
     return Diagnosis(
         verdict,
         min(each.accounted for each in budgets.values()),
-        reports,
+        {output: reports[place] for output, place in worst.items()},
         tuple(causes),
         (*alternatives, *search.unseen),
         search.tried,
@@ -172,7 +172,7 @@ def answer(task: DiagnosisTask, first: Hypothesis, search: SearchState) -> Diagn
 def _changed(
     task: DiagnosisTask,
     search: SearchState,
-    budgets: Mapping[str, ResidualBudget],
+    budgets: Mapping[Place, ResidualBudget],
     noise: Mapping[str, float],
 ) -> SearchState:
     """What the model's own parameters have become, where that is what is wrong; else no word of it.
@@ -187,8 +187,8 @@ def _changed(
     search = replace(search, notes=tuple(note for note in search.notes if note != HAS_CHANGED))
     if any(
         each.allowed < ADEQUATE_SHARE
-        and each.unexplained > MIN_SHARE_LEFT * budgets[output].unexplained
-        for output, each in left.items()
+        and each.unexplained > MIN_SHARE_LEFT * budgets[place].unexplained
+        for place, each in left.items()
     ):
         return search.noted(
             "other parameters of the model's own do not explain it: to calibrate again is no help"

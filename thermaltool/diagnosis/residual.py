@@ -117,7 +117,7 @@ class Condition:
 
 @dataclass(frozen=True)
 class ResidualReport:
-    """What is wrong with one output.
+    """What is wrong with one output in one log.
 
     Attributes
     ----------
@@ -131,7 +131,7 @@ class ResidualReport:
         Share of the power, about the mean of each record, that white noise does not account for.
     noise : ResidualNoise
     parts : ResidualParts
-        Over all logs; without a calibration to judge by, noise and the rest of this one.
+        Without a calibration to judge by, noise and the rest.
     effective_rows : float
         Independent rows that tell as much about a mean.
     white_p : float
@@ -142,6 +142,8 @@ class ResidualReport:
         As `worst`, of the residual about the level that it keeps longest in its record: the zero of
         a log is arbitrary, and where a model is wrong for a while it is right for the rest.
     dependences : tuple of Dependence, the strongest first
+    log : str
+        Digest; empty for rows of none.
     """
 
     rows: int
@@ -157,6 +159,7 @@ class ResidualReport:
     bands: tuple[PeriodBand, ...]
     conditions: tuple[Condition, ...]
     dependences: tuple[Dependence, ...]
+    log: str = ""
 
     def document(self) -> dict[str, Any]:
         """As JSON: null for what is not there."""

@@ -1,4 +1,4 @@
-"""Where the residual of an output goes: noise, what its calibration left, what that leaves open."""
+"""Where an output's residual in a log goes: noise, what the calibration left, or leaves open."""
 
 from __future__ import annotations
 
@@ -9,10 +9,9 @@ import numpy as np
 
 from thermaltool.diagnosis.correction import known_discrepancy
 from thermaltool.diagnosis.hypothesis import Hypothesis
-from thermaltool.diagnosis.readings import hidden_noise
-from thermaltool.diagnosis.residual import ResidualReport
+from thermaltool.diagnosis.readings import hidden_in
+from thermaltool.diagnosis.residual import MIN_ROWS, ResidualReport, residual_report
 from thermaltool.diagnosis.residual_parts import ResidualParts
-from thermaltool.diagnosis.result import reports_of
 from thermaltool.effects.effect import Float
 from thermaltool.fitting.averaging import known_noise
 from thermaltool.fitting.discrepancy import DRIFT_RATIOS, MAX_OVER_NOISE, calibration_error
@@ -31,13 +30,15 @@ ADEQUATE_SHARE = 0.5
 MAX_TIMES_CALIBRATED, MAX_DRIFTS, OVER_NOISE = 3.5, 2.0, (0.5, 2.0)
 # Below this fall of BIC nothing is worth more than a bare mention (Kass & Raftery 1995).
 MIN_EVIDENCE = 2.0
+# Output and number of a log.
+Place = tuple[str, int]
 # Power that stands for none [unit of the output, squared].
 TINY = 1e-300
 
 
 @dataclass(frozen=True)
 class ResidualBudget:
-    """Where the residual of an output goes, as RMS about the mean of each log.
+    """Where the residual of an output in one log goes, as RMS about its mean.
 
     Attributes
     ----------
@@ -99,6 +100,16 @@ class ResidualBudget:
     def wrong(self) -> bool:
         """Whether it is too large, and these rows are enough to say so."""
         return self.too_large and self.evidence >= MIN_EVIDENCE
+
+    @property
+    def open(self) -> bool:
+        """Whether it is more than noise and what the calibration has shown."""
+        return min(self.allowed, self.accounted) < ADEQUATE_SHARE or self.coarse
+
+    @property
+    def order(self) -> tuple[bool, bool, float, float]:
+        """By which several logs are compared: the larger, the worse."""
+        return self.wrong, self.open, self.evidence, self.shown
 
     @property
     def evidence(self) -> float:
@@ -171,9 +182,9 @@ def floor_of(hypothesis: Hypothesis, output: str) -> float:
 
 
 def budget_of(
-    hypothesis: Hypothesis, plain: Hypothesis, output: str, white: float, rows: float
+    hypothesis: Hypothesis, plain: Hypothesis, place: Place, white: float, rows: float
 ) -> ResidualBudget:
-    """Where the residual of an output goes.
+    """Where the residual of an output goes in one log.
 
     Parameters
     ----------
@@ -181,24 +192,20 @@ def budget_of(
         What the model may say for itself.
     plain : Hypothesis
         The model as a user simulates it.
-    output : str
+    place : tuple of (output, number of the log)
     white : float [unit of the output]
         Noise of a reading.
     rows : float
         Independent rows.
     """
-    groups = hypothesis.groups[output]
+    output, k = place
+    counted = hypothesis.groups[output].rows[k]
     own = "tight" not in hypothesis.assumptions
-    hidden = hidden_noise(hypothesis.simulation, output)
+    hidden = hidden_in(hypothesis.logs[k], output)
 
     def rms(residual: Sequence[Float], beginning: Sequence[Float] | None = None) -> float:
-        left = (
-            residual
-            if beginning is None
-            else [r - x for r, x in zip(residual, beginning, strict=True)]
-        )
-        about = [r - np.mean(r[k]) if len(k) else r for r, k in zip(left, groups.rows, strict=True)]
-        return float(np.sqrt(np.mean(np.square(groups.joined(about))) + hidden**2))
+        left = residual[k] if beginning is None else residual[k] - beginning[k]
+        return float(np.sqrt(np.var(left[counted]) + hidden**2))
 
     total = rms(plain.simulation.residual(output), plain.beginning(output))
     # Where its own parameters are free nothing of a model is open, but when commands switch is.
@@ -217,10 +224,40 @@ def budget_of(
     )  # fmt: skip
 
 
+def report_of(
+    hypothesis: Hypothesis, plain: Hypothesis, place: Place, white: float
+) -> ResidualReport:
+    """An output's residual in one log.
+
+    Parameters
+    ----------
+    hypothesis : Hypothesis
+        What the model may say for itself: its start in each log.
+    plain : Hypothesis
+        The model as a user simulates it.
+    place : tuple of (output, number of the log)
+    white : float [unit of the output]
+        Noise of a reading.
+    """
+    output, k = place
+    start, log = plain.beginning(output)[k], hypothesis.logs[k]
+    report = residual_report(
+        log.elapsed,
+        plain.simulation.residual(output)[k] - start,
+        hypothesis.simulation.measured[k][output],
+        {d.channel: log.columns[d.channel] for d in hypothesis.model.drives},
+        {c: v for c, v in log.columns.items() if c in hypothesis.scene.extra},
+        white,
+        hidden_in(log, output),
+    )
+    report = replace(report, log=log.digest)
+    return replace(report, rms=None, mean=None) if np.any(start) else report
+
+
 def weigh_residuals(
     hypothesis: Hypothesis, plain: Hypothesis, noise: Mapping[str, float]
-) -> tuple[dict[str, ResidualReport], dict[str, ResidualBudget]]:
-    """Residual of every output, and where it goes.
+) -> tuple[dict[Place, ResidualReport], dict[Place, ResidualBudget]]:
+    """Residual of every output in every log that has enough of its rows, and where it goes.
 
     Parameters
     ----------
@@ -229,9 +266,30 @@ def weigh_residuals(
     noise : mapping of output to float [unit of the output]
         Of a reading.
     """
-    reports = reports_of(hypothesis, plain, noise)
-    budgets = {
-        output: budget_of(hypothesis, plain, output, noise[output], report.effective_rows)
-        for output, report in reports.items()
-    }
-    return {o: replace(r, parts=budgets[o].parts) for o, r in reports.items()}, budgets
+    reports, budgets = {}, {}
+    for output, groups in hypothesis.groups.items():
+        counts = [len(rows) for rows in groups.rows]
+        # One that has most is there at least, and tells what is missing.
+        least = min(MIN_ROWS, max(counts))
+        for k in (k for k, count in enumerate(counts) if count >= least):
+            place = output, k
+            report = report_of(hypothesis, plain, place, noise[output])
+            budget = budget_of(hypothesis, plain, place, noise[output], report.effective_rows)
+            reports[place] = replace(report, parts=budget.parts)
+            budgets[place] = budget
+    return reports, budgets
+
+
+def worst_places(budgets: Mapping[Place, ResidualBudget]) -> dict[str, Place]:
+    """The log of each output in which a model is worst.
+
+    Parameters
+    ----------
+    budgets : mapping of (output, number of the log) to ResidualBudget
+    """
+    found: dict[str, Place] = {}
+    for place, budget in budgets.items():
+        before = found.get(place[0])
+        if before is None or budget.order > budgets[before].order:
+            found[place[0]] = place
+    return found

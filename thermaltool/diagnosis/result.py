@@ -12,8 +12,7 @@ from numpy.typing import NDArray
 from thermaltool.diagnosis.gain import Gain
 from thermaltool.diagnosis.hypothesis import Hypothesis
 from thermaltool.diagnosis.lasting import Recurrence
-from thermaltool.diagnosis.readings import hidden_in
-from thermaltool.diagnosis.residual import ResidualReport, residual_report
+from thermaltool.diagnosis.residual import ResidualReport
 from thermaltool.diagnosis.ruled_out import ruled_out
 from thermaltool.diagnosis.severity import Severity
 from thermaltool.diagnosis.written import WrittenStep
@@ -311,41 +310,6 @@ class Diagnosis:
             "rests": self.rests,
         }
         return DIAGNOSIS.wrap(jsonable(document))
-
-
-def reports_of(
-    hypothesis: Hypothesis,
-    plain: Hypothesis,
-    white: Mapping[str, float],
-) -> dict[str, ResidualReport]:
-    """Every output's residual, in the log that has most of its rows.
-
-    Parameters
-    ----------
-    hypothesis : Hypothesis
-        What the model may say for itself: its start in each log.
-    plain : Hypothesis
-        The model as a user simulates it.
-    white : mapping of output to float [unit of the output]
-        Noise of a reading.
-    """
-    reports = {}
-    for output, groups in hypothesis.groups.items():
-        start = plain.beginning(output)
-        k = int(np.argmax([len(rows) for rows in groups.rows]))
-        log = hypothesis.logs[k]
-        report = residual_report(
-            log.elapsed,
-            plain.simulation.residual(output)[k] - start[k],
-            hypothesis.simulation.measured[k][output],
-            {d.channel: log.columns[d.channel] for d in hypothesis.model.drives},
-            {c: v for c, v in log.columns.items() if c in hypothesis.scene.extra},
-            white[output],
-            hidden_in(log, output),
-        )
-        begun = bool(np.any(start[k]))
-        reports[output] = replace(report, rms=None, mean=None) if begun else report
-    return reports
 
 
 def curves_of(

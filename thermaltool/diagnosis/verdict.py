@@ -15,10 +15,17 @@ import numpy as np
 from thermaltool.diagnosis.evidence import DECISIVE_EVIDENCE
 from thermaltool.diagnosis.hypothesis import Hypothesis
 from thermaltool.diagnosis.residual import ResidualReport
-from thermaltool.diagnosis.residual_budget import ADEQUATE_SHARE, ResidualBudget
+from thermaltool.diagnosis.residual_budget import (
+    ADEQUATE_SHARE,
+    Place,
+    ResidualBudget,
+    worst_places,
+)
 from thermaltool.diagnosis.result import Cause, Location, Verdict
+from thermaltool.diagnosis.severity import Severity
 from thermaltool.diagnosis.starts import decays_of
 from thermaltool.effects.unknown import Unknown
+from thermaltool.record import Record
 from thermaltool.units import parse_channel, printed
 
 # What is left beside named causes is told from this share of the RMS that was there before them.
@@ -31,13 +38,13 @@ MIN_EXCESS = 0.15
 
 
 def verdict_of(
-    budgets: Mapping[str, ResidualBudget], causes: Sequence[Cause], undecided: bool = False
+    budgets: Mapping[Place, ResidualBudget], causes: Sequence[Cause], undecided: bool = False
 ) -> Verdict:
     """Verdict on a model.
 
     Parameters
     ----------
-    budgets : mapping of output to ResidualBudget
+    budgets : mapping of (output, number of the log) to ResidualBudget
         Of the model as it came.
     causes : sequence of Cause
         The unknown one included.
@@ -48,31 +55,30 @@ def verdict_of(
         return "cannot judge"
     if causes or any(each.wrong for each in budgets.values()):
         return "not adequate"
-    if any(
-        min(each.allowed, each.accounted) < ADEQUATE_SHARE or each.coarse
-        for each in budgets.values()
-    ):
+    if any(each.open for each in budgets.values()):
         return "cannot judge"
     return "adequate"
 
 
-def undecided(hypothesis: Hypothesis, budgets: Mapping[str, ResidualBudget]) -> tuple[str, ...]:
+def undecided(hypothesis: Hypothesis, budgets: Mapping[Place, ResidualBudget]) -> tuple[str, ...]:
     """Why logs cannot judge a model, and what would help, a sentence an output.
 
     Parameters
     ----------
     hypothesis : Hypothesis
         Without any cause.
-    budgets : mapping of output to ResidualBudget
+    budgets : mapping of (output, number of the log) to ResidualBudget
         Of the model as it came.
     """
     found = []
-    for output, each in budgets.items():
+    for output, place in worst_places(budgets).items():
+        each, log = budgets[place], hypothesis.logs[place[1]]
+        here = f"in {log.name}" if len(hypothesis.logs) > 1 and log.name else "in this log"
         unit = printed(parse_channel(output).unit)
         if _left_open(each):
             found.append(
-                f"{output}: the calibration leaves open {_most_open(hypothesis, output)}, which "
-                f"makes {np.sqrt(each.shown**2 - each.unexplained**2):.3g} {unit} in this log: "
+                f"{output}: the calibration leaves open {_most_open(hypothesis, place)}, which "
+                f"makes {np.sqrt(each.shown**2 - each.unexplained**2):.3g} {unit} {here}: "
                 "calibrate on such a log of a machine that is sound, beside the calibration's own"
             )
         elif each.too_large and not each.wrong:
@@ -94,7 +100,7 @@ def _left_open(budget: ResidualBudget) -> bool:
     return budget.allowed >= ADEQUATE_SHARE > budget.accounted
 
 
-def nothing_moves(hypothesis: Hypothesis, budgets: Mapping[str, ResidualBudget]) -> str | None:
+def nothing_moves(hypothesis: Hypothesis, budgets: Mapping[Place, ResidualBudget]) -> str | None:
     """Why logs in which the machine rests cannot judge a model; None where it moves.
 
     It rests where a model without any response would not be told from this one, and no output moves
@@ -104,7 +110,7 @@ def nothing_moves(hypothesis: Hypothesis, budgets: Mapping[str, ResidualBudget])
     ----------
     hypothesis : Hypothesis
         Without any cause.
-    budgets : mapping of output to ResidualBudget
+    budgets : mapping of (output, number of the log) to ResidualBudget
         Of the model as it came.
     """
     if any(map(_left_open, budgets.values())):
@@ -132,11 +138,12 @@ def nothing_moves(hypothesis: Hypothesis, budgets: Mapping[str, ResidualBudget])
     )
 
 
-def _most_open(hypothesis: Hypothesis, output: str) -> str:
-    """What the calibration leaves open that explains most of an output."""
-    nuisance = hypothesis.nuisance[output]
+def _most_open(hypothesis: Hypothesis, place: Place) -> str:
+    """What the calibration leaves open that explains most of an output in a log."""
+    output, k = place
+    nuisance, rows = hypothesis.nuisance[output], hypothesis.groups[output].rows[k]
     fitted = hypothesis.evidence[output].fitted(hypothesis.assumptions, nuisance.group)
-    changes = hypothesis.groups[output].joined(nuisance.moves) * (nuisance.prior.root @ fitted)
+    changes = nuisance.moves[k][rows] * (nuisance.prior.root @ fitted)
     drives = list(dict.fromkeys(nuisance.moving))
     own = [changes[:, [each == d for each in nuisance.moving]].sum(axis=1) for d in drives]
     order = np.argsort([-float(np.std(each)) for each in own])
@@ -148,9 +155,9 @@ def _most_open(hypothesis: Hypothesis, output: str) -> str:
 
 
 def unknown_cause(
-    budgets: Mapping[str, ResidualBudget],
-    before: Mapping[str, ResidualBudget],
-    reports: Mapping[str, ResidualReport],
+    budgets: Mapping[Place, ResidualBudget],
+    before: Mapping[Place, ResidualBudget],
+    reports: Mapping[Place, ResidualReport],
     hypothesis: Hypothesis,
     named: bool,
 ) -> Cause | None:
@@ -158,38 +165,48 @@ def unknown_cause(
 
     Parameters
     ----------
-    budgets, before : mapping of output to ResidualBudget
+    budgets, before : mapping of (output, number of the log) to ResidualBudget
         Of the model with the named causes, and as it came.
-    reports : mapping of output to ResidualReport
+    reports : mapping of (output, number of the log) to ResidualReport
         Of what is left.
     hypothesis : Hypothesis
         With the named causes.
     named : bool
         Whether there are any.
     """
-    wrong = {output: each for output, each in budgets.items() if each.wrong}
     worst = {
-        output: each
-        for output, each in wrong.items()
+        place: each
+        for place, each in budgets.items()
         # Of a model that is not adequate something is wrong, be it too slow to be decisive.
-        if not named
-        or (
-            each.evidence >= DECISIVE_EVIDENCE
-            and each.total > MIN_SHARE_LEFT * before[output].total
+        if each.wrong
+        and (
+            not named
+            or (
+                each.evidence >= DECISIVE_EVIDENCE
+                and each.total > MIN_SHARE_LEFT * before[place].total
+            )
         )
     }
     if not worst:
         return None
-    output = max(worst, key=lambda o: worst[o].unexplained / worst[o].white)
-    place = _location(hypothesis, output, reports[output])
-    effect = Unknown(output, {"rms": worst[output].unexplained})
-    return Cause(effect, worst[output].evidence, {}, {}, 0.0, location=place)
+    place = max(worst, key=lambda p: worst[p].unexplained / worst[p].white)
+    output, rms = place[0], worst[place].unexplained
+    where = _location(hypothesis.logs[place[1]], output, reports[place])
+    stretch = reports[place].worst
+    return Cause(
+        Unknown(output, {"rms": rms}),
+        worst[place].evidence,
+        {},
+        {},
+        0.0,
+        location=where,
+        severity={output: Severity(where.rms if stretch is None else stretch.rms, where.rms)},
+    )
 
 
-def _location(hypothesis: Hypothesis, output: str, report: ResidualReport) -> Location:
+def _location(log: Record, output: str, report: ResidualReport) -> Location:
     """Where most of a residual is."""
-    k = int(np.argmax([len(rows) for rows in hypothesis.groups[output].rows]))
-    log, worst = hypothesis.logs[k], report.worst
+    worst = report.worst
     conditions = [c for c in report.conditions if c.power - c.time > MIN_EXCESS]
     condition = max(conditions, key=lambda c: c.power - c.time, default=None)
     name = None

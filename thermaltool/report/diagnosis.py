@@ -6,7 +6,6 @@ All of it is read off the JSON document of a diagnosis.
 from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
-from pathlib import Path
 
 from thermaltool.report.clock_axis import time_unit
 from thermaltool.report.diagnosis_advice import (
@@ -25,6 +24,7 @@ from thermaltool.report.diagnosis_words import (
     condition_name,
     judged_on,
     kind_of,
+    log_name,
     names_of,
     number,
     percent,
@@ -119,14 +119,14 @@ def _cause(document: Document, cause: Document, count: int) -> str:
 
 def _in_one_log(document: Document, cause: Document) -> str:
     """In which log it happened, and in which others it lasts or happens again."""
-    own, elsewhere = _log_name(document, cause["log"]), cause["elsewhere"]
+    own, elsewhere = log_name(document, cause["log"]), cause["elsewhere"]
     if not elsewhere:
         return f", in {own} alone"
     where = [f", in {own}"]
     if lasting := [each for each in elsewhere if each["time"] is None]:
         where.append(f"and lasts: {_logs_named(document, lasting)} has it from the first row on")
     where += [
-        f"and again in {_log_name(document, each['log'])}, about {_into(each['time'])} into it"
+        f"and again in {log_name(document, each['log'])}, about {_into(each['time'])} into it"
         for each in elsewhere
         if each["time"] is not None
     ]
@@ -139,7 +139,7 @@ def _into(seconds: float) -> str:
 
 
 def _logs_named(document: Document, logs: Sequence[Document]) -> str:
-    return " and ".join(_log_name(document, each["log"]) for each in logs)
+    return " and ".join(log_name(document, each["log"]) for each in logs)
 
 
 def _advice(document: Document, cause: Document) -> Iterator[str]:
@@ -160,18 +160,13 @@ def _place(document: Document, cause: Document) -> str:
         line += f", mostly while {place['condition']}"
     line += f", most from {start} to {stop} {unit}"
     if len(document["logs"]) > 1:
-        line += f" of {_log_name(document, place['log'])}"
+        line += f" of {log_name(document, place['log'])}"
     band = {key: place[key] for key in ("shortest", "longest")}
     return f"{line}, {band_name(band)}; evidence {number(cause['evidence'])}"
 
 
 def _weight(evidence: float) -> str:
     return " (decisive)" if evidence >= DECISIVE_EVIDENCE else ""
-
-
-def _log_name(document: Document, digest: str) -> str:
-    logs = (log for role in ("logs", "validated_on", "sound") for log in document[role])
-    return next((Path(log["name"]).name for log in logs if log["sha256"] == digest), digest[:8])
 
 
 def _worth(document: Document) -> Iterator[str]:

@@ -18,6 +18,7 @@ from thermaltool.report.diagnosis_words import (
     follows,
     judged_on,
     kind_of,
+    log_name,
     number,
     percent,
     relevant_conditions,
@@ -80,7 +81,9 @@ def sections(document: Document) -> list[Section]:
 
 
 def _outputs(document: Document) -> Section:
-    rows = [["output", "unit", "residual RMS", "noise", "calibration left", "rest",
+    several = len(document["logs"]) > 1
+    where = ["worst in"] if several else []
+    rows = [["output", *where, "unit", "residual RMS", "noise", "calibration left", "rest",
              "rest of the power", "zero off by", "slow discrepancy", "independent rows",
              "beside it white"]]  # fmt: skip
     for name, report in document["residuals"].items():
@@ -91,6 +94,7 @@ def _outputs(document: Document) -> Section:
         rows.append(
             [
                 name,
+                *([log_name(document, report["log"])] if several else []),
                 channel_unit(name),
                 *(number(report["parts"][key]) for key in ("rms", "noise", "calibration", "rest")),
                 # Rounded as in the sentence above it: the three add up.

@@ -5,7 +5,14 @@ from __future__ import annotations
 from collections.abc import Sequence
 
 from thermaltool.report.diagnosis_advice import worst_moved
-from thermaltool.report.diagnosis_words import ROUNDING, Document, names_of, number, percent
+from thermaltool.report.diagnosis_words import (
+    ROUNDING,
+    Document,
+    in_log,
+    names_of,
+    number,
+    percent,
+)
 from thermaltool.report.style import channel_unit
 from thermaltool.report.text import listed
 
@@ -96,6 +103,7 @@ def verdict_sentence(document: Document) -> str:
     parts = report["parts"]
     if not parts["rms"]:
         return f"{line}: it leaves nothing of {output}."
+    where = in_log(document, report)
     share = shares(report)
     found = [
         (words, f"{number(parts[name])} {unit}", much)
@@ -106,7 +114,7 @@ def verdict_sentence(document: Document) -> str:
         f"{words}{'' if k else ' is'} {size} ({much}{'' if k else ' of the power'})"
         for k, (words, size, much) in enumerate(found)
     ]
-    line += f": of the residual of {output}, {number(parts['rms'])} {unit} RMS, "
+    line += f": of the residual of {output}{where}, {number(parts['rms'])} {unit} RMS, "
     line += listed(told)
     minor = verdict == "not adequate" and ROUNDING < share["rest"] <= 0.5
     return f"{line}{', which has a cause' if minor and document['causes'] else ''}."

@@ -216,6 +216,32 @@ def names_of(logs: Sequence[Document]) -> str:
     return " and ".join(names) if len(names) < 3 else f"{len(names)} logs"
 
 
+def log_name(document: Document, digest: str) -> str:
+    """Name of a log, or the beginning of its digest.
+
+    Parameters
+    ----------
+    document : mapping
+        The diagnosis as JSON.
+    digest : str
+    """
+    logs = (log for role in ("logs", "validated_on", "sound") for log in document[role])
+    return next((Path(log["name"]).name for log in logs if log["sha256"] == digest), digest[:8])
+
+
+def in_log(document: Document, report: Document) -> str:
+    """`` in b.csv``: where a residual is, of several logs; empty for one.
+
+    Parameters
+    ----------
+    document : mapping
+        The diagnosis as JSON.
+    report : mapping
+        Of an output.
+    """
+    return f" in {log_name(document, report['log'])}" if len(document["logs"]) > 1 else ""
+
+
 @dataclass(frozen=True)
 class ChainStep:
     """A written model on one output of several logs.
