@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -181,6 +181,26 @@ def floor_of(hypothesis: Hypothesis, output: str) -> float:
     return max(slow, misfit_of(hypothesis.model, output))
 
 
+def start_of(plain: Hypothesis, place: Place) -> Float:
+    """What is left of an unknown state at the first row of a log; zero where it begins at rest.
+
+    As `simulate` has it, or as these logs together say, whichever leaves less.
+
+    Parameters
+    ----------
+    plain : Hypothesis
+        The model as a user simulates it.
+    place : tuple of (output, number of the log)
+    """
+    output, k = place
+    runs, rows = plain.simulation, plain.groups[output].rows[k]
+    starts = [plain.beginning(output)[k]]
+    if output in runs.started[k]:
+        starts.append(runs.started[k][output].computed - runs.outputs[k][output])
+    residual = runs.residual(output)[k]
+    return min(starts, key=lambda start: float(np.var((residual - start)[rows])))
+
+
 def budget_of(
     hypothesis: Hypothesis, plain: Hypothesis, place: Place, white: float, rows: float
 ) -> ResidualBudget:
@@ -203,19 +223,18 @@ def budget_of(
     own = "tight" not in hypothesis.assumptions
     hidden = hidden_in(hypothesis.logs[k], output)
 
-    def rms(residual: Sequence[Float], beginning: Sequence[Float] | None = None) -> float:
-        left = residual[k] if beginning is None else residual[k] - beginning[k]
+    def rms(left: Float) -> float:
         return float(np.sqrt(np.var(left[counted]) + hidden**2))
 
-    total = rms(plain.simulation.residual(output), plain.beginning(output))
+    total = rms(plain.simulation.residual(output)[k] - start_of(plain, place))
     # Where its own parameters are free nothing of a model is open, but when commands switch is.
     judged = plain if own else hypothesis
-    shown = min(total, rms(judged.simulation.residual(output), judged.of_logs(output)))
+    shown = min(total, rms(judged.simulation.residual(output)[k] - judged.of_logs(output)[k]))
     fit = next(o.fit for o in plain.model.outputs if o.channel == output)
     return ResidualBudget(
         total,
         shown,
-        shown if own else min(total, rms(hypothesis.unexplained(output))),
+        shown if own else min(total, rms(hypothesis.unexplained(output)[k])),
         white,
         floor_of(hypothesis, output),
         0.0 if own else calibration_error(fit),
@@ -240,7 +259,7 @@ def report_of(
         Noise of a reading.
     """
     output, k = place
-    start, log = plain.beginning(output)[k], hypothesis.logs[k]
+    start, log = start_of(plain, place), hypothesis.logs[k]
     report = residual_report(
         log.elapsed,
         plain.simulation.residual(output)[k] - start,
