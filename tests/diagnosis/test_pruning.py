@@ -5,6 +5,7 @@ from __future__ import annotations
 from dataclasses import replace
 
 import numpy as np
+import pytest
 
 from thermaltool.diagnosis.hypothesis import Hypothesis
 from thermaltool.diagnosis.pruning import pruned
@@ -34,15 +35,16 @@ def found(*effects, truth=()):
     heat = np.repeat([0.0, 1.0, 0.3, 0.8, 0.0, 0.5, 1.0, 0.0], 100)
     switched = np.repeat([0.0, 0.0, 1.0, 0.0, 1.0, 1.0, 0.0, 1.0], 100)
     columns = {HEAT: heat, ONE: switched, OTHER: switched.copy()}
-    noise = 0.1 * np.random.default_rng(3).standard_normal(len(TIME))
-    machine = replace(MODEL, effects=truth)
-    columns[Z] = machine.simulate(Record(TIME, columns, digest="log"))[Z] + noise
+    rng = np.random.default_rng(3)
+    machine = replace(MODEL, effects=(*MODEL.effects, *truth))
+    for output, moved in machine.simulate(Record(TIME, columns, digest="log")).items():
+        columns[output] = moved + 0.1 * rng.standard_normal(len(TIME))
     task = DiagnosisTask(
         MODEL, (Record(TIME, columns, digest="log"),), (), (), lambda message: None
     )
     first = task.first()
     last = Hypothesis.of(MODEL, task.logs, MODEL, WITHIN_CALIBRATION)
-    last = last.with_model(replace(MODEL, effects=effects))
+    last = last.with_model(replace(MODEL, effects=(*MODEL.effects, *effects)))
     causes = tuple(Cause(each, 50.0 - k, {}, {}, 0.5) for k, each in enumerate(effects))
     return pruned(task, first, SearchState(last, last, (), causes))
 
@@ -62,3 +64,50 @@ def test_a_model_that_is_not_written_says_nothing_of_its_causes(monkeypatch):
     search = found(gain, source(ONE, -300.0), truth=(gain,))
     assert [cause.effect for cause in search.causes] == [gain]
     assert search.notes == ("second_source is left out: with it a log would be worse",)
+
+
+def test_a_cause_that_is_right_elsewhere_stays_though_it_is_not_written(monkeypatch):
+    """What one output loses is next to nothing of what the other gains."""
+    monkeypatch.setattr("thermaltool.diagnosis.pruning._backward", lambda search: search)
+    other = "d_y_um"
+    model = replace(
+        MODEL,
+        outputs=(*MODEL.outputs, Output(other, "deflection", "first", (-100.0, 100.0))),
+        terms=(*MODEL.terms, Term(HEAT, other, Rational1(20.0, 300.0, 0.0))),
+        effects=(effect_class("drive_nonlinearity")(HEAT, {"exponent": 1.2, "level": 1.0}),),
+    )
+    monkeypatch.setattr(f"{__name__}.MODEL", model)
+
+    def moves(on_other: float):
+        gains = {f"gain[{Z}]": 30.0, f"gain[{other}]": on_other}
+        return effect_class("second_source")(ONE, {**gains, "time_constant": 50.0})
+
+    truth = source(ONE, 30.0)
+    slight = found(moves(0.1), truth=(truth,))
+    assert [cause.effect.name for cause in slight.causes] == ["second_source"]
+    large = found(moves(20.0), truth=(truth,))
+    assert large.causes == ()
+
+
+@pytest.mark.parametrize(
+    ("unseen", "stays"), [("clean", True), ("as wrong", False), ("again", True)]
+)
+def test_a_change_in_one_log_is_more_than_what_every_log_is_wrong_by(unseen, stays):
+    heat = np.repeat([0.0, 1.0, 0.3, 0.8, 0.0, 0.5, 1.0, 0.0], 100)
+    moved = MODEL.simulate(Record(TIME, {HEAT: heat}))[Z]
+
+    def log(name, beside):
+        noise = 0.1 * np.random.default_rng([6, len(name)]).standard_normal(len(TIME))
+        return Record(TIME, {HEAT: heat, Z: moved + beside + noise}, digest=name, name=name)
+
+    hump = np.exp(-0.5 * ((TIME - 2000.0) / 400.0) ** 2)
+    others = {"clean": 0.0 * TIME, "as wrong": 2.0 * hump, "again": 1.0 * (TIME > 1500)}
+    logs, other = (log("log", 1.0 * (TIME > 2600.0)),), log(unseen, others[unseen])
+    task = DiagnosisTask(MODEL, logs, (other,), (), lambda message: None)
+    step = effect_class("sensor_offset_step")(Z, {"step": 1.0, "time": 2600.0}, "log")
+    first = Hypothesis.of(MODEL, logs, MODEL, WITHIN_CALIBRATION)
+    last = first.with_model(replace(MODEL, effects=(step,)))
+    search = pruned(
+        task, task.first(), SearchState(last, last, (), (Cause(step, 50.0, {}, {}, 0.5),))
+    )
+    assert bool(search.causes) == stays

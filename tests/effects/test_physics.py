@@ -187,6 +187,22 @@ def test_a_rate_is_plausible_by_the_time_scale_of_the_machine(share, seconds):
     assert not make("convection_state", COOLANT, rate=growing, **fixed).plausible(at)
 
 
+def test_heat_that_leaves_at_a_place_does_not_warm_it_through_another_mode():
+    at = watched()
+    (log,) = at.logs
+    cooled = replace(log, columns={**log.columns, COOLANT: np.where(log.time > 900, 1.0, 0.0)})
+    at = replace(at, logs=(cooled,))
+
+    def loss(**gains):
+        own = {f"{lag}[{NEAR}]": gain for lag, gain in gains.items()}
+        known = {"time_constant": 50.0, "slowest": 900.0, "level": 1.0, "idle": 0.0}
+        return make("convection_state", COOLANT, partner=NEAR, **own, **known)
+
+    assert loss(fast=0.01, middle=-0.05, slow=-0.2).plausible(at)
+    assert not loss(fast=0.2, middle=-0.3, slow=0.0).plausible(at)
+    assert not loss(fast=-0.1, middle=0.3, slow=-0.25).plausible(at)
+
+
 def test_a_speed_may_cool_while_it_turns_or_while_it_stands():
     probes = effect_class("convection_state").probes(watched())
     uniform = [e for e in probes if e.partner is None]

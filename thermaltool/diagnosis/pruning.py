@@ -7,16 +7,20 @@ from dataclasses import replace
 from thermaltool.diagnosis.evidence import DECISIVE_EVIDENCE, STARTS
 from thermaltool.diagnosis.fit import CauseCandidate
 from thermaltool.diagnosis.hypothesis import Hypothesis
+from thermaltool.diagnosis.lasting import may_recur, recurrences
 from thermaltool.diagnosis.nonlinearity import stand_ins
 from thermaltool.diagnosis.residual_budget import reading_noise, weigh_residuals
 from thermaltool.diagnosis.result import Cause
 from thermaltool.diagnosis.select import fit_candidate
-from thermaltool.diagnosis.simulation import without
+from thermaltool.diagnosis.simulation import SimulatedLogs, without
 from thermaltool.diagnosis.state import DiagnosisTask, SearchState, judged_by
 from thermaltool.diagnosis.verdict import unknown_cause
+from thermaltool.diagnosis.written import cannot_run, gains_of
 
 # Share of the misfit that a cause of the written model explains at least: told as 2 %.
 MIN_EXPLAINED = 0.02
+# A cause is not left out for what a log loses where that is less than this part of what it gains.
+SLIGHT_LOSS = 0.01
 
 
 def pruned(task: DiagnosisTask, first: Hypothesis, search: SearchState) -> SearchState:
@@ -34,7 +38,7 @@ def pruned(task: DiagnosisTask, first: Hypothesis, search: SearchState) -> Searc
     safe = _of_no_harm(task, _harmless(task, used))
     if safe is not used:
         safe = _of_use(task, safe)
-    search = _of_gain(task, safe)
+    search = _of_no_accident(task, _of_gain(task, safe))
     return _of_no_rest(task, first, _of_no_curve(task, search))
 
 
@@ -83,6 +87,42 @@ def _of_no_curve(task: DiagnosisTask, search: SearchState) -> SearchState:
     for cause, why in stand_ins(task, search):
         search = _dropped(search, cause, f"stands for what it is not: {why}")
     return search
+
+
+def _of_no_accident(task: DiagnosisTask, search: SearchState) -> SearchState:
+    """The search without changes in one log that explain less than an unseen log is wrong by.
+
+    What a model is off by on every day bends to a change on one. A change that lasts, or happened
+    again, is none of these.
+    """
+    for cause in search.causes:
+        if may_recur(cause.effect) and _is_everyday(task, search, cause):
+            search = _dropped(search, cause, "explains less than an unseen log is wrong by as well")
+    return search
+
+
+def _is_everyday(task: DiagnosisTask, search: SearchState, cause: Cause) -> bool:
+    """Whether some unseen log is wrong by as much as a change explains, and not by the same."""
+    last, written = search.hypothesis, search.written(task)
+    noise = {o: last.white(o) for o in last.groups}
+    rest, masked = without(written, cause.effect), last.simulation.masked
+    runs = [SimulatedLogs(model, task.logs, masked) for model in (rest, written)]
+    gains = gains_of(runs[0], runs[1], lambda output: True)
+    explained = {
+        o: (gain.rms_before**2 - gain.rms_after**2) / noise[o] ** 2
+        for o, gain in gains.items()
+        if o in noise and gain.rms_after < gain.rms_before
+    }
+    for log in task.validate:
+        if cannot_run(written, log) is not None:
+            continue
+        unseen = SimulatedLogs(written, (log,), {})
+        left = gains_of(unseen, unseen, lambda output: True)
+        wrong = [(left[o].rms_after / noise[o]) ** 2 - 1 for o in explained if o in left]
+        again = recurrences(written, cause.effect, [log], noise, task.calibrated_misfit)
+        if sum(w for w in wrong if w > 0) > sum(explained.values()) and not again:
+            return True
+    return False
 
 
 def _of_no_rest(task: DiagnosisTask, first: Hypothesis, search: SearchState) -> SearchState:
@@ -136,7 +176,10 @@ def _of_no_harm(task: DiagnosisTask, search: SearchState) -> SearchState:
 
 
 def _harmless(task: DiagnosisTask, search: SearchState) -> SearchState:
-    """The search without causes without which some log is better by the written model."""
+    """The search without causes without which some log is better by the written model.
+
+    One by which all logs gain far more is right, though what it makes is not to be written.
+    """
     while (harmful := _harmful(task, search)) is not None:
         search = _dropped(search, harmful, "is left out: with it a log would be worse")
     return search
@@ -148,7 +191,9 @@ def _harmful(task: DiagnosisTask, search: SearchState) -> Cause | None:
     for cause in reversed(search.causes if len(written.effects) > 1 else ()):
         rest = without(written, cause.effect)
         if rest is not written and search.spoiled(task, written, rest) is not None:
-            return cause
+            gained, lost = search.balance(task, written, rest)
+            if lost > SLIGHT_LOSS * gained:
+                return cause
     return None
 
 

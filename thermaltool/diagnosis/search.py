@@ -32,7 +32,7 @@ from thermaltool.diagnosis.select import Ranking, plain_forms_first, ranked
 from thermaltool.diagnosis.simulation import SimulatedLogs
 from thermaltool.diagnosis.state import WITHIN_CALIBRATION, DiagnosisTask, SearchState
 from thermaltool.diagnosis.validate import judge
-from thermaltool.diagnosis.written import cannot_run, gains_of
+from thermaltool.diagnosis.written import balance, cannot_run, gains_of
 from thermaltool.record import Record
 
 # Causes that are named at most, and that are held out at each step before the search is given up:
@@ -337,14 +337,9 @@ def _worse_unseen(task: DiagnosisTask, before: SearchState, after: SearchState) 
     logs = tuple(
         log for log in task.validate if all(cannot_run(model, log) is None for model in models)
     )
-    one, other = (SimulatedLogs(model, logs, {}) for model in models)
-    noise = before.hypothesis
-    change = sum(
-        (gain.rms_after**2 - gain.rms_before**2) / noise.white(output) ** 2
-        for output, gain in gains_of(one, other, lambda output: True).items()
-        if output in noise.groups
-    )
-    return change > 0
+    noise = {o: before.hypothesis.white(o) for o in before.hypothesis.groups}
+    gained, lost = balance(*models, logs, {}, noise)
+    return lost > gained
 
 
 def _misfit(hypothesis: Hypothesis) -> float:

@@ -20,7 +20,7 @@ from thermaltool.diagnosis.select import Progress
 from thermaltool.diagnosis.severity import fraction_removed
 from thermaltool.diagnosis.simulation import Mask
 from thermaltool.diagnosis.validate import AcceptedCause
-from thermaltool.diagnosis.written import cannot_run, rezeroed, spoiled_by
+from thermaltool.diagnosis.written import balance, cannot_run, rezeroed, spoiled_by
 from thermaltool.effects.effect import Effect
 from thermaltool.model import Model
 from thermaltool.record import Record
@@ -276,13 +276,30 @@ class SearchState:
             See `spoiled_by`.
         """
         last, before = self.hypothesis, task.model if before is None else before
+        logs, noise = self._compared(task, before, model)
+        return spoiled_by(before, model, logs, last.simulation.masked, noise, surely)
+
+    def balance(self, task: DiagnosisTask, model: Model, before: Model) -> tuple[float, float]:
+        """What a model gains over another and what it loses, see `written.balance`.
+
+        Parameters
+        ----------
+        task : DiagnosisTask
+        model, before : Model
+        """
+        logs, noise = self._compared(task, before, model)
+        return balance(before, model, logs, self.hypothesis.simulation.masked, noise)
+
+    def _compared(
+        self, task: DiagnosisTask, *models: Model
+    ) -> tuple[list[Record], dict[str, float]]:
+        """Logs over which all models can be run, and the noise of each output."""
         logs = [
             log
             for log in (*task.logs, *task.validate)
-            if all(cannot_run(each, log) is None for each in (before, model))
+            if all(cannot_run(each, log) is None for each in models)
         ]
-        noise = {o: last.white(o) for o in last.groups}
-        return spoiled_by(before, model, logs, last.simulation.masked, noise, surely)
+        return logs, {o: self.hypothesis.white(o) for o in self.hypothesis.groups}
 
     def open(self) -> Hypothesis:
         """The accepted causes under the assumptions in which the last step ended."""

@@ -22,6 +22,9 @@ from thermaltool.units import hold_of, is_absolute, is_temperature
 MIN_IN_STATE = 0.03
 # In the long run no place cools more than the one that loses the heat; errors may add this.
 MOST_ELSEWHERE = 1.1
+# Heat that leaves at a place cools it through every mode (a driving-point response); with what is
+# read near by, and three lags for all modes, gains against that may reach this part of their sum.
+MAX_AGAINST = 0.7
 # Rows of a log that a quick look takes.
 LOOKED_AT = 2000
 # Gains behind each lag of a loss at one place.
@@ -179,6 +182,8 @@ class HeatLoss(Effect, ABC):
         here = self.total(self.partner)
         same = here != 0 and all(total * here > 0 for total in moved)
         same = same and max(map(abs, moved), default=0.0) <= MOST_ELSEWHERE * abs(here)
+        against = sum(abs(gain) for gain in self._gains(self.partner) if gain * here < 0)
+        same = same and against <= MAX_AGAINST * abs(here)
         states = np.concatenate([self.state(log) for log in scene.logs])
         both = MIN_IN_STATE < float(np.mean(states)) < 1 - MIN_IN_STATE
         return same and both and all(abs(total) <= MAX_TEMPERATURE_GAIN for total in moved)
