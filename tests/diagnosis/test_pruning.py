@@ -90,9 +90,18 @@ def test_a_cause_that_is_right_elsewhere_stays_though_it_is_not_written(monkeypa
 
 
 @pytest.mark.parametrize(
-    ("unseen", "stays"), [("clean", True), ("as wrong", False), ("again", True)]
+    ("unseen", "stays"),
+    [
+        (["clean"], True),
+        (["as wrong"], False),
+        (["again"], True),
+        # One bad day is no every day, and outliers are no misfit.
+        (["clean", "as wrong"], True),
+        (["outlier"], True),
+    ],
 )
-def test_a_change_in_one_log_is_more_than_what_every_log_is_wrong_by(unseen, stays):
+@pytest.mark.parametrize("good", [0, 3])
+def test_a_change_in_one_log_is_more_than_what_every_log_is_wrong_by(unseen, stays, good):
     heat = np.repeat([0.0, 1.0, 0.3, 0.8, 0.0, 0.5, 1.0, 0.0], 100)
     moved = MODEL.simulate(Record(TIME, {HEAT: heat}))[Z]
 
@@ -101,11 +110,17 @@ def test_a_change_in_one_log_is_more_than_what_every_log_is_wrong_by(unseen, sta
         return Record(TIME, {HEAT: heat, Z: moved + beside + noise}, digest=name, name=name)
 
     hump = np.exp(-0.5 * ((TIME - 2000.0) / 400.0) ** 2)
-    others = {"clean": 0.0 * TIME, "as wrong": 2.0 * hump, "again": 1.0 * (TIME > 1500)}
-    logs, other = (log("log", 1.0 * (TIME > 2600.0)),), log(unseen, others[unseen])
-    task = DiagnosisTask(MODEL, logs, (other,), (), lambda message: None)
+    others = {
+        "clean": 0.0 * TIME,
+        "as wrong": 2.0 * hump,
+        "again": 1.0 * (TIME > 1500),
+        "outlier": 60.0 * (TIME == 1500.0),
+    }
+    logs = [log("log", 1.0 * (TIME > 2600.0)), *(log(f"good {k}", 0.0) for k in range(good))]
+    others = tuple(log(name, others[name]) for name in unseen)
+    task = DiagnosisTask(MODEL, tuple(logs), others, (), lambda message: None)
     step = effect_class("sensor_offset_step")(Z, {"step": 1.0, "time": 2600.0}, "log")
-    first = Hypothesis.of(MODEL, logs, MODEL, WITHIN_CALIBRATION)
+    first = Hypothesis.of(MODEL, tuple(logs), MODEL, WITHIN_CALIBRATION)
     last = first.with_model(replace(MODEL, effects=(step,)))
     search = pruned(
         task, task.first(), SearchState(last, last, (), (Cause(step, 50.0, {}, {}, 0.5),))

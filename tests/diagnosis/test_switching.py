@@ -10,7 +10,7 @@ import pytest
 from thermaltool.diagnosis.diagnose import diagnose
 from thermaltool.diagnosis.evidence import released
 from thermaltool.diagnosis.hypothesis import Hypothesis
-from thermaltool.diagnosis.residual_budget import budget_of
+from thermaltool.diagnosis.residual_budget import OutputResiduals, budget_of
 from thermaltool.diagnosis.simulation import SimulatedLogs
 from thermaltool.diagnosis.state import WITHIN_CALIBRATION, DiagnosisTask
 from thermaltool.diagnosis.switching import MAX_SWITCHES, instants_of
@@ -84,7 +84,8 @@ def test_what_switching_explains_is_no_cause():
 def test_switching_is_no_misfit_of_a_model_that_is_free():
     found = first(log(3))
     free = found.under(released(found.assumptions), model())
-    budget = budget_of(free, free, (BEND, 0), NOISE, 100.0)
+    left = OutputResiduals.of(free, free, BEND)
+    budget = budget_of(free, free, (BEND, 0), left, NOISE, 100.0)
     assert budget.total > 2 * NOISE
     assert budget.unexplained == pytest.approx(NOISE, rel=0.2)
     assert not budget.wrong

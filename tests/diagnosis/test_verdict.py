@@ -82,6 +82,25 @@ def test_one_bad_log_among_good_ones_is_not_averaged_away(model: Model, size: fl
     assert found.noise_share < 0.2
 
 
+@pytest.mark.parametrize("step", [0.0, 1.0])
+def test_a_noisier_log_among_others_has_a_noise_of_its_own(model: Model, step: float) -> None:
+    """Three times the noise, or readings in whole micrometres."""
+    days = [machine(DUTY, seed) for seed in (30, 31, 32, 33)]
+    days[1] = machine(DUTY, 31, noise=0.1 if step else 0.3)
+    if step:
+        days[1] = step * np.round(days[1] / step)
+    found = diagnose(model, [log(day, f"day {k}") for k, day in enumerate(days)])
+    assert (found.verdict, found.causes) == ("adequate", ())
+
+
+def test_a_start_that_simulate_finds_is_told(model: Model) -> None:
+    """Slow heat that is there at the first row, and a day that begins at rest."""
+    warm = machine(DUTY, 41) - 6.0 * np.exp(-TIME / 900)
+    found = diagnose(model, [log(machine(DUTY, 40), "cold"), log(warm, "warm")])
+    assert found.verdict == "adequate"
+    assert any("not begin at rest" in note for note in found.notes)
+
+
 def test_a_short_calibration_comes_before_any_cause() -> None:
     """Fifteen minutes with one step leave open what a machine of eight minutes does later."""
     rows = 300

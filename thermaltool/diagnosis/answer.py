@@ -16,11 +16,11 @@ from thermaltool.diagnosis.lasting import MIN_TIMES_ALLOWED, Recurrence, may_rec
 from thermaltool.diagnosis.noisy_states import noisy_states
 from thermaltool.diagnosis.residual_budget import (
     ADEQUATE_SHARE,
-    Place,
+    OutputInLog,
     ResidualBudget,
     reading_noise,
     weigh_residuals,
-    worst_places,
+    worst_logs,
 )
 from thermaltool.diagnosis.result import Alternative, Cause, Diagnosis, curves_of, unconfirmed
 from thermaltool.diagnosis.search import HAS_CHANGED
@@ -79,7 +79,7 @@ def answer(task: DiagnosisTask, first: Hypothesis, search: SearchState) -> Diagn
         written = replace(written, spoiled=f"{worse[1]} in {worse[0].name or 'a log'}")
     reports, budgets = weigh_residuals(first, plain, noise)
     ended = judged_by(last, task, fitted) if effects else search.ended
-    worst = worst_places(budgets)
+    worst = worst_logs(budgets)
     # Without a cause the written model is the one that came in, and what is left is what it leaves.
     after, left = reports, budgets
     if effects:
@@ -136,6 +136,7 @@ def answer(task: DiagnosisTask, first: Hypothesis, search: SearchState) -> Diagn
         *_averaged(task),
         *_between(first),
         *_resting(first),
+        *_beginning(plain),
         *_off_as_well(task, causes[: len(effects)], written.steps, noise),
     ):
         search = search.noted(note)
@@ -152,8 +153,8 @@ def answer(task: DiagnosisTask, first: Hypothesis, search: SearchState) -> Diagn
     open_questions = (search.undecided,) if search.undecided else undecided(first, budgets)
     return Diagnosis(
         verdict,
-        min(each.accounted for each in budgets.values()),
-        {output: reports[place] for output, place in worst.items()},
+        min(budgets[at].accounted for at in worst.values()),
+        {output: reports[at] for output, at in worst.items()},
         tuple(causes),
         (*alternatives, *search.unseen),
         search.tried,
@@ -172,7 +173,7 @@ def answer(task: DiagnosisTask, first: Hypothesis, search: SearchState) -> Diagn
 def _changed(
     task: DiagnosisTask,
     search: SearchState,
-    budgets: Mapping[Place, ResidualBudget],
+    budgets: Mapping[OutputInLog, ResidualBudget],
     noise: Mapping[str, float],
 ) -> SearchState:
     """What the model's own parameters have become, where that is what is wrong; else no word of it.
@@ -187,8 +188,8 @@ def _changed(
     search = replace(search, notes=tuple(note for note in search.notes if note != HAS_CHANGED))
     if any(
         each.allowed < ADEQUATE_SHARE
-        and each.unexplained > MIN_SHARE_LEFT * budgets[place].unexplained
-        for place, each in left.items()
+        and each.unexplained > MIN_SHARE_LEFT * budgets[at].unexplained
+        for at, each in left.items()
     ):
         return search.noted(
             "other parameters of the model's own do not explain it: to calibrate again is no help"
@@ -226,6 +227,17 @@ def _between(first: Hypothesis) -> Iterator[str]:
         yield (
             "the drives switch between the rows of these logs: when, within a row, is fitted "
             "beside each cause"
+        )
+
+
+def _beginning(plain: Hypothesis) -> Iterator[str]:
+    """A sentence on each log that `simulate` finds to begin away from rest, and the search not."""
+    if STARTS & plain.assumptions:
+        return
+    for k in plain.simulation.warm_logs:
+        yield (
+            f"{plain.logs[k].name or 'a log'} does not begin at rest, as simulate has it: what is "
+            "left is told beside that start"
         )
 
 

@@ -2,7 +2,10 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from dataclasses import replace
+
+import numpy as np
 
 from thermaltool.diagnosis.evidence import DECISIVE_EVIDENCE, STARTS
 from thermaltool.diagnosis.fit import CauseCandidate
@@ -16,11 +19,12 @@ from thermaltool.diagnosis.simulation import SimulatedLogs, without
 from thermaltool.diagnosis.state import DiagnosisTask, SearchState, judged_by
 from thermaltool.diagnosis.verdict import unknown_cause
 from thermaltool.diagnosis.written import cannot_run, gains_of
+from thermaltool.model import Model
+from thermaltool.record import Record
+from thermaltool.signals.detrend import find_outliers
 
 # Share of the misfit that a cause of the written model explains at least: told as 2 %.
 MIN_EXPLAINED = 0.02
-# A cause is not left out for what a log loses where that is less than this part of what it gains.
-SLIGHT_LOSS = 0.01
 
 
 def pruned(task: DiagnosisTask, first: Hypothesis, search: SearchState) -> SearchState:
@@ -97,32 +101,43 @@ def _of_no_accident(task: DiagnosisTask, search: SearchState) -> SearchState:
     """
     for cause in search.causes:
         if may_recur(cause.effect) and _is_everyday(task, search, cause):
-            search = _dropped(search, cause, "explains less than an unseen log is wrong by as well")
+            search = _dropped(search, cause, "explains less than unseen logs are wrong by as well")
     return search
 
 
 def _is_everyday(task: DiagnosisTask, search: SearchState, cause: Cause) -> bool:
-    """Whether some unseen log is wrong by as much as a change explains, and not by the same."""
+    """Whether all unseen logs are wrong by as much as a change explains, and not by the same."""
     last, written = search.hypothesis, search.written(task)
     noise = {o: last.white(o) for o in last.groups}
     rest, masked = without(written, cause.effect), last.simulation.masked
-    runs = [SimulatedLogs(model, task.logs, masked) for model in (rest, written)]
-    gains = gains_of(runs[0], runs[1], lambda output: True)
+    own = [log for log in task.logs if log.digest == cause.effect.log]
+    runs = [SimulatedLogs(model, tuple(own), masked) for model in (rest, written)]
     explained = {
         o: (gain.rms_before**2 - gain.rms_after**2) / noise[o] ** 2
-        for o, gain in gains.items()
+        for o, gain in gains_of(runs[0], runs[1], lambda output: True).items()
         if o in noise and gain.rms_after < gain.rms_before
     }
-    for log in task.validate:
-        if cannot_run(written, log) is not None:
-            continue
-        unseen = SimulatedLogs(written, (log,), {})
-        left = gains_of(unseen, unseen, lambda output: True)
-        wrong = [(left[o].rms_after / noise[o]) ** 2 - 1 for o in explained if o in left]
-        again = recurrences(written, cause.effect, [log], noise, task.calibrated_misfit)
-        if sum(w for w in wrong if w > 0) > sum(explained.values()) and not again:
-            return True
-    return False
+    unseen = [log for log in task.validate if cannot_run(written, log) is None]
+    return bool(unseen) and all(
+        _wrong(task, written, log, {o: noise[o] for o in explained}) > sum(explained.values())
+        and not recurrences(written, cause.effect, [log], noise, task.calibrated_misfit)
+        for log in unseen
+    )
+
+
+def _wrong(task: DiagnosisTask, model: Model, log: Record, noise: Mapping[str, float]) -> float:
+    """What a model leaves of a log beyond noise and its calibration's error, over the noise.
+
+    As powers, outliers apart.
+    """
+    runs, found = SimulatedLogs(model, (log,), {}), 0.0
+    for o in noise.keys() & runs.groups.keys():
+        (measured, computed), rows = runs.as_simulated(o)[0], runs.groups[o].rows[0]
+        left = (measured - computed)[rows]
+        power = float(np.var(left[~find_outliers(left, noise[o])]))
+        known = noise[o] ** 2 + task.calibrated_misfit.get(o, 0.0) ** 2
+        found += max(power - known, 0.0) / noise[o] ** 2
+    return found
 
 
 def _of_no_rest(task: DiagnosisTask, first: Hypothesis, search: SearchState) -> SearchState:
@@ -165,20 +180,20 @@ def _of_no_harm(task: DiagnosisTask, search: SearchState) -> SearchState:
     """The search without the one cause that keeps the others from being written."""
     effects = search.hypothesis.model.effects
     acting = [cause for cause in search.causes if cause.effect in effects]
-    if len(acting) < 2 or search.spoiled(task, search.written(task)) is None:
+    if len(acting) < 2 or not search.harms(task, search.written(task)):
         return search
     # What was found last explains least.
     for cause in reversed(acting):
         rest = _dropped(search, cause, "is left out: with it a log would be worse")
-        if rest.spoiled(task, rest.written(task)) is None:
+        if not rest.harms(task, rest.written(task)):
             return rest
     return search
 
 
 def _harmless(task: DiagnosisTask, search: SearchState) -> SearchState:
-    """The search without causes without which some log is better by the written model.
+    """The search without causes by which some log loses more than slightly.
 
-    One by which all logs gain far more is right, though what it makes is not to be written.
+    One that costs next to nothing is right, though what it makes is not to be written.
     """
     while (harmful := _harmful(task, search)) is not None:
         search = _dropped(search, harmful, "is left out: with it a log would be worse")
@@ -186,14 +201,12 @@ def _harmless(task: DiagnosisTask, search: SearchState) -> SearchState:
 
 
 def _harmful(task: DiagnosisTask, search: SearchState) -> Cause | None:
-    """The last cause without which the written model is better on some log."""
+    """The last cause that harms, beside the others, by the written model."""
     written = search.written(task)
     for cause in reversed(search.causes if len(written.effects) > 1 else ()):
         rest = without(written, cause.effect)
-        if rest is not written and search.spoiled(task, written, rest) is not None:
-            gained, lost = search.balance(task, written, rest)
-            if lost > SLIGHT_LOSS * gained:
-                return cause
+        if rest is not written and search.harms(task, written, rest):
+            return cause
     return None
 
 

@@ -12,10 +12,11 @@ from thermaltool.diagnosis.hypothesis import Hypothesis
 from thermaltool.diagnosis.readings import hidden_in
 from thermaltool.diagnosis.residual import MIN_ROWS, ResidualReport, residual_report
 from thermaltool.diagnosis.residual_parts import ResidualParts
-from thermaltool.effects.effect import Float
-from thermaltool.fitting.averaging import known_noise
+from thermaltool.diagnosis.simulation import Series
+from thermaltool.fitting.averaging import Averages, known_noise
 from thermaltool.fitting.discrepancy import DRIFT_RATIOS, MAX_OVER_NOISE, calibration_error
 from thermaltool.model import Model
+from thermaltool.signals.detrend import difference_sigma
 from thermaltool.signals.resolution import resolution_step
 
 # The discrepancy of a clean log, of other inputs than the calibration's, is taken to be no larger
@@ -31,7 +32,7 @@ MAX_TIMES_CALIBRATED, MAX_DRIFTS, OVER_NOISE = 3.5, 2.0, (0.5, 2.0)
 # Below this fall of BIC nothing is worth more than a bare mention (Kass & Raftery 1995).
 MIN_EVIDENCE = 2.0
 # Output and number of a log.
-Place = tuple[str, int]
+OutputInLog = tuple[str, int]
 # Power that stands for none [unit of the output, squared].
 TINY = 1e-300
 
@@ -102,14 +103,14 @@ class ResidualBudget:
         return self.too_large and self.evidence >= MIN_EVIDENCE
 
     @property
-    def open(self) -> bool:
+    def unsettled(self) -> bool:
         """Whether it is more than noise and what the calibration has shown."""
         return min(self.allowed, self.accounted) < ADEQUATE_SHARE or self.coarse
 
     @property
-    def order(self) -> tuple[bool, bool, float, float]:
+    def severity(self) -> tuple[bool, bool, float, float]:
         """By which several logs are compared: the larger, the worse."""
-        return self.wrong, self.open, self.evidence, self.shown
+        return self.wrong, self.unsettled, self.evidence, self.shown
 
     @property
     def evidence(self) -> float:
@@ -181,88 +182,120 @@ def floor_of(hypothesis: Hypothesis, output: str) -> float:
     return max(slow, misfit_of(hypothesis.model, output))
 
 
-def start_of(plain: Hypothesis, place: Place) -> Float:
-    """What is left of an unknown state at the first row of a log; zero where it begins at rest.
+@dataclass(frozen=True)
+class OutputResiduals:
+    """What is left of an output in every log, each of shape (n_log,) [unit of the output].
 
-    As `simulate` has it, or as these logs together say, whichever leaves less.
-
-    Parameters
+    Attributes
     ----------
-    plain : Hypothesis
-        The model as a user simulates it.
-    place : tuple of (output, number of the log)
+    plain : list of ndarray
+        Beside the start of each log.
+    starts : list of ndarray
+        What is left of an unknown state at the first row; zero where a log begins at rest.
+    shown : list of ndarray
+        Beside the start and the error of shape that the calibration has shown.
+    unexplained : list of ndarray
+        Beside the moves that the calibration leaves open, too.
     """
-    output, k = place
-    runs, rows = plain.simulation, plain.groups[output].rows[k]
-    starts = [plain.beginning(output)[k]]
-    if output in runs.started[k]:
-        starts.append(runs.started[k][output].computed - runs.outputs[k][output])
-    residual = runs.residual(output)[k]
-    return min(starts, key=lambda start: float(np.var((residual - start)[rows])))
+
+    plain: Series
+    starts: Series
+    shown: Series
+    unexplained: Series
+
+    @staticmethod
+    def of(hypothesis: Hypothesis, plain: Hypothesis, output: str) -> OutputResiduals:
+        """Of a model.
+
+        Parameters
+        ----------
+        hypothesis : Hypothesis
+            What the model may say for itself.
+        plain : Hypothesis
+            The model as a user simulates it.
+        output : str
+        """
+        starts = _starts(plain, output)
+        residual = plain.simulation.residual(output)
+        # Where its own parameters are free nothing of a model is open, but when commands switch is.
+        own = "tight" not in hypothesis.assumptions
+        judged = plain if own else hypothesis
+        of_logs = judged.of_logs(output)
+        shown = [r - x for r, x in zip(judged.simulation.residual(output), of_logs, strict=True)]
+        return OutputResiduals(
+            [r - x for r, x in zip(residual, starts, strict=True)],
+            starts,
+            shown,
+            shown if own else hypothesis.unexplained(output),
+        )
+
+
+def _starts(plain: Hypothesis, output: str) -> Series:
+    """What each log brings along as `simulate` has it, or the logs say, whichever leaves less."""
+    runs, found = plain.simulation, []
+    for k, (residual, start) in enumerate(
+        zip(runs.residual(output), plain.beginning(output), strict=True)
+    ):
+        each = [start]
+        if output in runs.started[k]:
+            each.append(runs.started[k][output].computed - runs.outputs[k][output])
+        rows = plain.groups[output].rows[k]
+        left = [float(np.var((residual - x)[rows])) if len(rows) else 0.0 for x in each]
+        found.append(each[int(np.argmin(left))])
+    return found
 
 
 def budget_of(
-    hypothesis: Hypothesis, plain: Hypothesis, place: Place, white: float, rows: float
+    hypothesis: Hypothesis,
+    plain: Hypothesis,
+    at: OutputInLog,
+    left: OutputResiduals,
+    white: float,
+    rows: float,
 ) -> ResidualBudget:
     """Where the residual of an output goes in one log.
 
     Parameters
     ----------
-    hypothesis : Hypothesis
-        What the model may say for itself.
-    plain : Hypothesis
-        The model as a user simulates it.
-    place : tuple of (output, number of the log)
+    hypothesis, plain : Hypothesis
+        As in `OutputResiduals.of`.
+    at : tuple of (output, number of the log)
+    left : OutputResiduals
     white : float [unit of the output]
         Noise of a reading.
     rows : float
         Independent rows.
     """
-    output, k = place
-    counted = hypothesis.groups[output].rows[k]
-    own = "tight" not in hypothesis.assumptions
+    output, k = at
+    counted, own = hypothesis.groups[output].rows[k], "tight" not in hypothesis.assumptions
     hidden = hidden_in(hypothesis.logs[k], output)
 
-    def rms(left: Float) -> float:
-        return float(np.sqrt(np.var(left[counted]) + hidden**2))
+    def rms(series: Series) -> float:
+        return float(np.sqrt(np.var(series[k][counted]) + hidden**2))
 
-    total = rms(plain.simulation.residual(output)[k] - start_of(plain, place))
-    # Where its own parameters are free nothing of a model is open, but when commands switch is.
-    judged = plain if own else hypothesis
-    shown = min(total, rms(judged.simulation.residual(output)[k] - judged.of_logs(output)[k]))
+    total = rms(left.plain)
     fit = next(o.fit for o in plain.model.outputs if o.channel == output)
     return ResidualBudget(
         total,
-        shown,
-        shown if own else min(total, rms(hypothesis.unexplained(output)[k])),
+        min(total, rms(left.shown)),
+        min(total, rms(left.unexplained)),
         white,
         floor_of(hypothesis, output),
         0.0 if own else calibration_error(fit),
         0.0 if own else misfit_of(plain.model, output),
         rows,
-    )  # fmt: skip
+    )
 
 
-def report_of(
-    hypothesis: Hypothesis, plain: Hypothesis, place: Place, white: float
+def _report_of(
+    hypothesis: Hypothesis, at: OutputInLog, left: OutputResiduals, white: float
 ) -> ResidualReport:
-    """An output's residual in one log.
-
-    Parameters
-    ----------
-    hypothesis : Hypothesis
-        What the model may say for itself: its start in each log.
-    plain : Hypothesis
-        The model as a user simulates it.
-    place : tuple of (output, number of the log)
-    white : float [unit of the output]
-        Noise of a reading.
-    """
-    output, k = place
-    start, log = start_of(plain, place), hypothesis.logs[k]
+    """An output's residual in one log."""
+    output, k = at
+    log = hypothesis.logs[k]
     report = residual_report(
         log.elapsed,
-        plain.simulation.residual(output)[k] - start,
+        left.plain[k],
         hypothesis.simulation.measured[k][output],
         {d.channel: log.columns[d.channel] for d in hypothesis.model.drives},
         {c: v for c, v in log.columns.items() if c in hypothesis.scene.extra},
@@ -270,45 +303,60 @@ def report_of(
         hidden_in(log, output),
     )
     report = replace(report, log=log.digest)
-    return replace(report, rms=None, mean=None) if np.any(start) else report
+    return replace(report, rms=None, mean=None) if np.any(left.starts[k]) else report
 
 
 def weigh_residuals(
     hypothesis: Hypothesis, plain: Hypothesis, noise: Mapping[str, float]
-) -> tuple[dict[Place, ResidualReport], dict[Place, ResidualBudget]]:
+) -> tuple[dict[OutputInLog, ResidualReport], dict[OutputInLog, ResidualBudget]]:
     """Residual of every output in every log that has enough of its rows, and where it goes.
 
     Parameters
     ----------
     hypothesis, plain : Hypothesis
-        As in `budget_of`.
+        As in `OutputResiduals.of`.
     noise : mapping of output to float [unit of the output]
-        Of a reading.
+        Of a reading, over all logs; one that is noisier has its own.
     """
     reports, budgets = {}, {}
     for output, groups in hypothesis.groups.items():
         counts = [len(rows) for rows in groups.rows]
+        left = OutputResiduals.of(hypothesis, plain, output)
         # One that has most is there at least, and tells what is missing.
         least = min(MIN_ROWS, max(counts))
         for k in (k for k, count in enumerate(counts) if count >= least):
-            place = output, k
-            report = report_of(hypothesis, plain, place, noise[output])
-            budget = budget_of(hypothesis, plain, place, noise[output], report.effective_rows)
-            reports[place] = replace(report, parts=budget.parts)
-            budgets[place] = budget
+            at = output, k
+            white = max(noise[output], _noise_in(hypothesis, at, left))
+            report = _report_of(hypothesis, at, left, white)
+            budget = budget_of(hypothesis, plain, at, left, white, report.effective_rows)
+            reports[at] = replace(report, parts=budget.parts)
+            budgets[at] = budget
     return reports, budgets
 
 
-def worst_places(budgets: Mapping[Place, ResidualBudget]) -> dict[str, Place]:
+def _noise_in(hypothesis: Hypothesis, at: OutputInLog, left: OutputResiduals) -> float:
+    """White noise of a reading in one of several logs; 0 where it is the only one."""
+    output, k = at
+    log = hypothesis.logs[k]
+    if len(hypothesis.logs) == 1:
+        return 0.0
+    if isinstance(log, Averages):
+        return log.noise.get(output, 0.0)
+    rows = hypothesis.groups[output].rows[k]
+    step = resolution_step(log.columns[output]) or 0.0
+    return max(difference_sigma(left.plain[k][rows]), step / float(np.sqrt(12.0)))
+
+
+def worst_logs(budgets: Mapping[OutputInLog, ResidualBudget]) -> dict[str, OutputInLog]:
     """The log of each output in which a model is worst.
 
     Parameters
     ----------
     budgets : mapping of (output, number of the log) to ResidualBudget
     """
-    found: dict[str, Place] = {}
-    for place, budget in budgets.items():
-        before = found.get(place[0])
-        if before is None or budget.order > budgets[before].order:
-            found[place[0]] = place
+    found: dict[str, OutputInLog] = {}
+    for at, budget in budgets.items():
+        before = found.get(at[0])
+        if before is None or budget.severity > budgets[before].severity:
+            found[at[0]] = at
     return found

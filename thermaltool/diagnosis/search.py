@@ -16,6 +16,7 @@ import numpy as np
 
 from thermaltool.diagnosis.accidents import borne_out, seen_in_all
 from thermaltool.diagnosis.alternatives import tried_causes
+from thermaltool.diagnosis.balance import balance
 from thermaltool.diagnosis.correction import corrected
 from thermaltool.diagnosis.evidence import DECISIVE_EVIDENCE, STARTS, Assumptions, released
 from thermaltool.diagnosis.fit import CauseCandidate
@@ -32,7 +33,7 @@ from thermaltool.diagnosis.select import Ranking, plain_forms_first, ranked
 from thermaltool.diagnosis.simulation import SimulatedLogs
 from thermaltool.diagnosis.state import WITHIN_CALIBRATION, DiagnosisTask, SearchState
 from thermaltool.diagnosis.validate import judge
-from thermaltool.diagnosis.written import balance, cannot_run, gains_of
+from thermaltool.diagnosis.written import cannot_run, gains_of
 from thermaltool.record import Record
 
 # Causes that are named at most, and that are held out at each step before the search is given up:

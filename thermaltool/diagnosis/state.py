@@ -8,6 +8,7 @@ from functools import cached_property
 
 import numpy as np
 
+from thermaltool.diagnosis.balance import is_slight
 from thermaltool.diagnosis.correction import corrected
 from thermaltool.diagnosis.evidence import DECISIVE_EVIDENCE, STARTS, Assumptions
 from thermaltool.diagnosis.fit import CauseCandidate
@@ -20,7 +21,7 @@ from thermaltool.diagnosis.select import Progress
 from thermaltool.diagnosis.severity import fraction_removed
 from thermaltool.diagnosis.simulation import Mask
 from thermaltool.diagnosis.validate import AcceptedCause
-from thermaltool.diagnosis.written import balance, cannot_run, rezeroed, spoiled_by
+from thermaltool.diagnosis.written import cannot_run, rezeroed, spoiled_by
 from thermaltool.effects.effect import Effect
 from thermaltool.model import Model
 from thermaltool.record import Record
@@ -279,16 +280,21 @@ class SearchState:
         logs, noise = self._compared(task, before, model)
         return spoiled_by(before, model, logs, last.simulation.masked, noise, surely)
 
-    def balance(self, task: DiagnosisTask, model: Model, before: Model) -> tuple[float, float]:
-        """What a model gains over another and what it loses, see `written.balance`.
+    def harms(self, task: DiagnosisTask, model: Model, before: Model | None = None) -> bool:
+        """Whether a model makes a log worse, by more than a slight part of what it makes better.
 
         Parameters
         ----------
         task : DiagnosisTask
-        model, before : Model
+        model : Model
+        before : Model, optional
+            As in `spoiled`.
         """
+        if self.spoiled(task, model, before) is None:
+            return False
+        before = task.model if before is None else before
         logs, noise = self._compared(task, before, model)
-        return balance(before, model, logs, self.hypothesis.simulation.masked, noise)
+        return not is_slight(before, model, logs, self.hypothesis.simulation.masked, noise)
 
     def _compared(
         self, task: DiagnosisTask, *models: Model

@@ -17,9 +17,9 @@ from thermaltool.diagnosis.hypothesis import Hypothesis
 from thermaltool.diagnosis.residual import ResidualReport
 from thermaltool.diagnosis.residual_budget import (
     ADEQUATE_SHARE,
-    Place,
+    OutputInLog,
     ResidualBudget,
-    worst_places,
+    worst_logs,
 )
 from thermaltool.diagnosis.result import Cause, Location, Verdict
 from thermaltool.diagnosis.severity import Severity
@@ -38,7 +38,7 @@ MIN_EXCESS = 0.15
 
 
 def verdict_of(
-    budgets: Mapping[Place, ResidualBudget], causes: Sequence[Cause], undecided: bool = False
+    budgets: Mapping[OutputInLog, ResidualBudget], causes: Sequence[Cause], undecided: bool = False
 ) -> Verdict:
     """Verdict on a model.
 
@@ -55,12 +55,14 @@ def verdict_of(
         return "cannot judge"
     if causes or any(each.wrong for each in budgets.values()):
         return "not adequate"
-    if any(each.open for each in budgets.values()):
+    if any(each.unsettled for each in budgets.values()):
         return "cannot judge"
     return "adequate"
 
 
-def undecided(hypothesis: Hypothesis, budgets: Mapping[Place, ResidualBudget]) -> tuple[str, ...]:
+def undecided(
+    hypothesis: Hypothesis, budgets: Mapping[OutputInLog, ResidualBudget]
+) -> tuple[str, ...]:
     """Why logs cannot judge a model, and what would help, a sentence an output.
 
     Parameters
@@ -71,13 +73,13 @@ def undecided(hypothesis: Hypothesis, budgets: Mapping[Place, ResidualBudget]) -
         Of the model as it came.
     """
     found = []
-    for output, place in worst_places(budgets).items():
-        each, log = budgets[place], hypothesis.logs[place[1]]
+    for output, at in worst_logs(budgets).items():
+        each, log = budgets[at], hypothesis.logs[at[1]]
         here = f"in {log.name}" if len(hypothesis.logs) > 1 and log.name else "in this log"
         unit = printed(parse_channel(output).unit)
         if _left_open(each):
             found.append(
-                f"{output}: the calibration leaves open {_most_open(hypothesis, place)}, which "
+                f"{output}: the calibration leaves open {_most_open(hypothesis, at)}, which "
                 f"makes {np.sqrt(each.shown**2 - each.unexplained**2):.3g} {unit} {here}: "
                 "calibrate on such a log of a machine that is sound, beside the calibration's own"
             )
@@ -100,7 +102,9 @@ def _left_open(budget: ResidualBudget) -> bool:
     return budget.allowed >= ADEQUATE_SHARE > budget.accounted
 
 
-def nothing_moves(hypothesis: Hypothesis, budgets: Mapping[Place, ResidualBudget]) -> str | None:
+def nothing_moves(
+    hypothesis: Hypothesis, budgets: Mapping[OutputInLog, ResidualBudget]
+) -> str | None:
     """Why logs in which the machine rests cannot judge a model; None where it moves.
 
     It rests where a model without any response would not be told from this one, and no output moves
@@ -138,9 +142,9 @@ def nothing_moves(hypothesis: Hypothesis, budgets: Mapping[Place, ResidualBudget
     )
 
 
-def _most_open(hypothesis: Hypothesis, place: Place) -> str:
+def _most_open(hypothesis: Hypothesis, at: OutputInLog) -> str:
     """What the calibration leaves open that explains most of an output in a log."""
-    output, k = place
+    output, k = at
     nuisance, rows = hypothesis.nuisance[output], hypothesis.groups[output].rows[k]
     fitted = hypothesis.evidence[output].fitted(hypothesis.assumptions, nuisance.group)
     changes = nuisance.moves[k][rows] * (nuisance.prior.root @ fitted)
@@ -155,9 +159,9 @@ def _most_open(hypothesis: Hypothesis, place: Place) -> str:
 
 
 def unknown_cause(
-    budgets: Mapping[Place, ResidualBudget],
-    before: Mapping[Place, ResidualBudget],
-    reports: Mapping[Place, ResidualReport],
+    budgets: Mapping[OutputInLog, ResidualBudget],
+    before: Mapping[OutputInLog, ResidualBudget],
+    reports: Mapping[OutputInLog, ResidualReport],
     hypothesis: Hypothesis,
     named: bool,
 ) -> Cause | None:
@@ -175,27 +179,27 @@ def unknown_cause(
         Whether there are any.
     """
     worst = {
-        place: each
-        for place, each in budgets.items()
+        at: each
+        for at, each in budgets.items()
         # Of a model that is not adequate something is wrong, be it too slow to be decisive.
         if each.wrong
         and (
             not named
             or (
                 each.evidence >= DECISIVE_EVIDENCE
-                and each.total > MIN_SHARE_LEFT * before[place].total
+                and each.total > MIN_SHARE_LEFT * before[at].total
             )
         )
     }
     if not worst:
         return None
-    place = max(worst, key=lambda p: worst[p].unexplained / worst[p].white)
-    output, rms = place[0], worst[place].unexplained
-    where = _location(hypothesis.logs[place[1]], output, reports[place])
-    stretch = reports[place].worst
+    at = max(worst, key=lambda each: worst[each].unexplained / worst[each].white)
+    output, rms = at[0], worst[at].unexplained
+    where = _location(hypothesis.logs[at[1]], output, reports[at])
+    stretch = reports[at].worst
     return Cause(
         Unknown(output, {"rms": rms}),
-        worst[place].evidence,
+        worst[at].evidence,
         {},
         {},
         0.0,

@@ -269,24 +269,6 @@ def spoiled_by(
     return None
 
 
-def balance(
-    before: Model, after: Model, logs: Sequence[Record], masked: Mask, noise: Mapping[str, float]
-) -> tuple[float, float]:
-    """What a model gains over another, and what it loses, over all logs and outputs.
-
-    As powers over that of the noise, the zero of every log free.
-
-    Parameters
-    ----------
-    before, after, logs, masked, noise
-        As in `spoiled_by`; outputs without a noise do not count.
-    """
-    runs = [[SimulatedLogs(m, (log,), masked) for m in (before, after)] for log in logs]
-    each = [(o, g) for old, new in runs for o, g in gains_of(old, new, lambda o: True).items()]
-    change = [(g.rms_after**2 - g.rms_before**2) / noise[o] ** 2 for o, g in each if o in noise]
-    return -sum(c for c in change if c < 0), sum(c for c in change if c > 0)
-
-
 @dataclass(frozen=True)
 class WrittenAccount:
     """What the written model is worth.

@@ -22,9 +22,10 @@ from thermaltool.units import hold_of, is_absolute, is_temperature
 MIN_IN_STATE = 0.03
 # In the long run no place cools more than the one that loses the heat; errors may add this.
 MOST_ELSEWHERE = 1.1
-# Heat that leaves at a place cools it through every mode (a driving-point response); with what is
-# read near by, and three lags for all modes, gains against that may reach this part of their sum.
-MAX_AGAINST = 0.7
+# Heat that leaves at a place cools it from then on (a driving-point response): it never warms it by
+# more than this part of what comes in the end, and after half of the slowest time constant it has
+# cooled by this part at least; the slowest mode alone by twice as much.
+MAX_AGAINST, MIN_AT_ONCE = 0.2, 0.2
 # Rows of a log that a quick look takes.
 LOOKED_AT = 2000
 # Gains behind each lag of a loss at one place.
@@ -182,11 +183,20 @@ class HeatLoss(Effect, ABC):
         here = self.total(self.partner)
         same = here != 0 and all(total * here > 0 for total in moved)
         same = same and max(map(abs, moved), default=0.0) <= MOST_ELSEWHERE * abs(here)
-        against = sum(abs(gain) for gain in self._gains(self.partner) if gain * here < 0)
-        same = same and against <= MAX_AGAINST * abs(here)
+        same = same and self._acts_at_once()
         states = np.concatenate([self.state(log) for log in scene.logs])
         both = MIN_IN_STATE < float(np.mean(states)) < 1 - MIN_IN_STATE
         return same and both and all(abs(total) <= MAX_TEMPERATURE_GAIN for total in moved)
+
+    def _acts_at_once(self) -> bool:
+        """Whether the place goes its way from when heat leaves it, and no other way before."""
+        assert self.partner is not None
+        short, long = self.parameters["time_constant"], self.parameters["slowest"]
+        tau = np.array([short, np.sqrt(short * long), long])
+        elapsed = max(tau) * np.append(0.5, np.geomspace(1e-3, 5.0, 100))
+        moved = (1 - np.exp(-elapsed[:, None] / tau)) @ self._gains(self.partner)
+        moved /= self.total(self.partner)
+        return bool(moved[0] >= MIN_AT_ONCE and np.min(moved) >= -MAX_AGAINST)
 
     def total(self, output: str) -> float:
         """What an output is moved by in the long run for each degree of the place.
