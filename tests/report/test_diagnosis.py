@@ -85,6 +85,16 @@ def test_a_few_lines_for_a_new_user():
     )
 
 
+def test_of_several_logs_the_worst_is_named():
+    found = document()
+    other = {"name": "in/monday.csv", "sha256": "monday"}
+    found["logs"].append(other)
+    found["residuals"][OUTPUT]["log"] = "monday"
+    assert "of the residual of d_z_um in monday.csv, 11.4 µm RMS" in summary(found)[0]
+    (table,) = [each for each in sections(found) if each.title == "What the model gets wrong"]
+    assert (table.rows[0][1], table.rows[1][1]) == ("worst in", "monday.csv")
+
+
 def test_severity_against_a_tolerance():
     log = measured()
     files = {"model": "m", "calibrated_on": [], "sound": [], "validated_on": []}
