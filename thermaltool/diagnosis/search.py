@@ -71,8 +71,7 @@ def searched(task: DiagnosisTask, start: SearchState) -> tuple[DiagnosisTask, Se
         Without any cause.
     """
     search = _found(task, start)
-    spoiled = search.spoiled(task, search.written(task)) is not None
-    if task.own or (not spoiled and rest_of(task, start.hypothesis, search) is None):
+    if task.own or _stands(task, start, search):
         return task, search
     sound = _sound_logs(task)
     if not sound:
@@ -93,6 +92,13 @@ def searched(task: DiagnosisTask, start: SearchState) -> tuple[DiagnosisTask, Se
             "changed between the logs, or the cause is another"
         )
     return apart, again
+
+
+def _stands(task: DiagnosisTask, start: SearchState, search: SearchState) -> bool:
+    """Whether a search leaves nothing, by a model that makes no log worse."""
+    if search.spoiled(task, search.written(task)) is not None:
+        return False
+    return rest_of(task, start.hypothesis, search) is None
 
 
 def _are_silent(search: SearchState, log: Record) -> bool:
