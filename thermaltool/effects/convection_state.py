@@ -101,7 +101,10 @@ class ConvectionState(HeatLoss):
             if not level or np.ptp(values[np.isfinite(values)]) < 0.5 * level:
                 continue
             idles = (1.0, 0.0) if channel in scene.drives else (0.0,)
-            if parse_channel(channel).dimension not in NO_STATES:
+            known = parse_channel(channel).dimension
+            # Heat by itself moves no air.
+            heats = channel in scene.drives and known == "power"
+            if known not in NO_STATES and not heats:
                 for idle, (place, air, own) in product(idles, list(places(scene, LAG_TRIALS))):
                     given = {**own, "level": level, "idle": idle}
                     yield cls(channel, given, partner=place, air=air)

@@ -13,7 +13,7 @@ from thermaltool.effects.effect import Effect, Float, Memory, Outputs, Parameter
 from thermaltool.effects.scene import Scene
 from thermaltool.errors import ModelError
 from thermaltool.record import Record
-from thermaltool.units import ABSOLUTE_ZERO, parse_channel
+from thermaltool.units import ABSOLUTE_ZERO, is_absolute, is_temperature, parse_channel
 
 # 0 degC [K].
 KELVIN = -ABSOLUTE_ZERO
@@ -27,17 +27,15 @@ class Radiation(Effect):
     rate·[(T² + T0²)(T + T0)/(4 T0³) − 1] in kelvin.
 
     T is an output (from `rest`) or, without `rest`, a channel of the log.
+
+    Or the drive heats the place that radiates, `partner`, read at T: what acts is the drive less
+    ``loss``·[(T⁴ − T0⁴)/(4 T0³) − (T − T0)], and all else stays as it is.
     """
 
     name: ClassVar[str] = "radiation"
-    side: ClassVar[Side] = "state"
     bends: ClassVar[bool] = True
     explanation: ClassVar[str] = (
         "a hot machine radiates: it loses heat faster than in proportion to its temperature"
-    )
-    action: ClassVar[str] = (
-        "look at the hot surfaces at {channel}: the hotter they are, the more heat they "
-        "radiate; shield them, and calibrate up to the temperatures of use"
     )
     signature: ClassVar[str] = (
         "every output falls short at the highest level and decays fast from there, and is right "
@@ -47,20 +45,50 @@ class Radiation(Effect):
     causal: ClassVar[bool] = True
     known: ClassVar = {
         "rate": Parameter("1/s", low=0.0),
+        "loss": Parameter("{channel}/K", low=0.0, linear=True),
         "rest": Parameter("degC", low=ABSOLUTE_ZERO, fixed=True),
     }
 
+    @property
+    def side(self) -> Side:  # type: ignore[override]
+        """Heat that leaves where a drive heats is as much less of the drive."""
+        return "state" if self.partner is None else "drive"
+
+    @property
+    def action(self) -> str:  # type: ignore[override]
+        """What a technician can do, with places for names."""
+        place = "{channel}" if self.partner is None else "{partner}, where {channel} heats"
+        return (
+            f"look at the hot surfaces at {place}: the hotter they are, the more heat they "
+            "radiate; shield them, and calibrate up to the temperatures of use"
+        )
+
     def needs(self) -> tuple[str, ...]:
+        if self.partner is not None:
+            return (self.partner,)
         return () if "rest" in self.parameters else (self.channel,)
 
+    def drive(self, record: Record, u: Float, memory: Memory = None) -> Float:
+        if self.partner is None:
+            return u
+        memory = {} if memory is None else memory
+        rise = from_rest(record, self.partner, memory)
+        cold = memory.get("reading", (ROOM_DEGC, ROOM_DEGC))[0] + KELVIN
+        hot = np.maximum(cold + rise, 0.0)
+        return u - self.parameters["loss"] * ((hot**4 - cold**4) / (4 * cold**3) - rise)
+
     def loss(self, record: Record, outputs: Outputs, memory: Memory = None) -> Float | None:
+        if self.partner is not None:
+            return None
         cold, rise = self._temperature(record, outputs, {} if memory is None else memory)
         hot = np.maximum(cold + rise, 0.0)
         steeper = (hot**2 + cold**2) * (hot + cold) / (4 * cold**3) - 1
         return self.parameters["rate"] * steeper
 
     def plausible(self, scene: Scene) -> bool:
-        return super().plausible(scene) and is_plausible_rate(self.parameters["rate"], scene)
+        if not super().plausible(scene):
+            return False
+        return self.partner is not None or is_plausible_rate(self.parameters["rate"], scene)
 
     def _temperature(
         self, record: Record, outputs: Outputs, memory: dict[str, Any]
@@ -82,6 +110,10 @@ class Radiation(Effect):
             channel, fixed = place
             for share in (0.1, 0.3, 1.0):
                 yield cls(channel, {"rate": share / slowest, **fixed})
+        for drive in scene.drives:
+            for hot in scene.sensors() if not is_temperature(drive) else ():
+                if is_absolute(hot) and all(hot in log.columns for log in scene.logs):
+                    yield cls(drive, {"loss": 1.0}, partner=hot)
 
 
 def _hottest(scene: Scene) -> tuple[str, dict[str, float]] | None:
