@@ -90,18 +90,20 @@ def test_a_cause_that_is_right_elsewhere_stays_though_it_is_not_written(monkeypa
 
 
 @pytest.mark.parametrize(
-    ("unseen", "stays"),
+    ("beside", "unseen", "stays"),
     [
-        (["clean"], True),
-        (["as wrong"], False),
-        (["again"], True),
+        (0.8, ["clean"], True),
+        (0.8, ["as wrong"], False),
+        (0.8, ["again"], True),
         # One bad day is no every day, and outliers are no misfit.
-        (["clean", "as wrong"], True),
-        (["outlier"], True),
+        (0.8, ["clean", "as wrong"], True),
+        (0.8, ["outlier"], True),
+        # What is wrong every day would be here, too.
+        (0.0, ["as wrong"], True),
     ],
 )
 @pytest.mark.parametrize("good", [0, 3])
-def test_a_change_in_one_log_is_more_than_what_every_log_is_wrong_by(unseen, stays, good):
+def test_a_change_in_one_log_is_more_than_what_every_log_is_wrong_by(beside, unseen, stays, good):
     heat = np.repeat([0.0, 1.0, 0.3, 0.8, 0.0, 0.5, 1.0, 0.0], 100)
     moved = MODEL.simulate(Record(TIME, {HEAT: heat}))[Z]
 
@@ -116,7 +118,10 @@ def test_a_change_in_one_log_is_more_than_what_every_log_is_wrong_by(unseen, sta
         "again": 1.0 * (TIME > 1500),
         "outlier": 60.0 * (TIME == 1500.0),
     }
-    logs = [log("log", 1.0 * (TIME > 2600.0)), *(log(f"good {k}", 0.0) for k in range(good))]
+    logs = [
+        log("log", 1.0 * (TIME > 2600.0) + beside * hump),
+        *(log(f"good {k}", 0.0) for k in range(good)),
+    ]
     others = tuple(log(name, others[name]) for name in unseen)
     task = DiagnosisTask(MODEL, tuple(logs), others, (), lambda message: None)
     step = effect_class("sensor_offset_step")(Z, {"step": 1.0, "time": 2600.0}, "log")

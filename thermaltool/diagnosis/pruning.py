@@ -25,6 +25,8 @@ from thermaltool.signals.detrend import find_outliers
 
 # Share of the misfit that a cause of the written model explains at least: told as 2 %.
 MIN_EXPLAINED = 0.02
+# What is wrong every day leaves this part at least of what a change explains in its log.
+MIN_EVERYDAY = 0.1
 
 
 def pruned(task: DiagnosisTask, first: Hypothesis, search: SearchState) -> SearchState:
@@ -106,7 +108,10 @@ def _of_no_accident(task: DiagnosisTask, search: SearchState) -> SearchState:
 
 
 def _is_everyday(task: DiagnosisTask, search: SearchState, cause: Cause) -> bool:
-    """Whether all unseen logs are wrong by as much as a change explains, and not by the same."""
+    """Whether all unseen logs are wrong by as much as a change explains, and not by the same.
+
+    What is there every day is in the log of the change, too: where it explains all, it is none.
+    """
     last, written = search.hypothesis, search.written(task)
     noise = {o: last.white(o) for o in last.groups}
     rest, masked = without(written, cause.effect), last.simulation.masked
@@ -117,9 +122,12 @@ def _is_everyday(task: DiagnosisTask, search: SearchState, cause: Cause) -> bool
         for o, gain in gains_of(runs[0], runs[1], lambda output: True).items()
         if o in noise and gain.rms_after < gain.rms_before
     }
+    seen, size = {o: noise[o] for o in explained}, sum(explained.values())
+    if sum(_wrong(task, written, log, seen) for log in own) < MIN_EVERYDAY * size:
+        return False
     unseen = [log for log in task.validate if cannot_run(written, log) is None]
     return bool(unseen) and all(
-        _wrong(task, written, log, {o: noise[o] for o in explained}) > sum(explained.values())
+        _wrong(task, written, log, seen) > size
         and not recurrences(written, cause.effect, [log], noise, task.calibrated_misfit)
         for log in unseen
     )
