@@ -112,9 +112,8 @@ def _is_everyday(task: DiagnosisTask, search: SearchState, cause: Cause) -> bool
 
     What is there every day is in the log of the change, too: where it explains all, it is none.
     """
-    last, written = search.hypothesis, search.written(task)
-    noise = {o: last.white(o) for o in last.groups}
-    rest, masked = without(written, cause.effect), last.simulation.masked
+    written, noise = search.written(task), search.noise
+    rest, masked = without(written, cause.effect), search.hypothesis.simulation.masked
     own = [log for log in task.logs if log.digest == cause.effect.log]
     runs = [SimulatedLogs(model, tuple(own), masked) for model in (rest, written)]
     explained = {
@@ -235,7 +234,7 @@ def _useless(task: DiagnosisTask, search: SearchState) -> Cause | None:
     """The first cause without which the written model is as good."""
     assumptions = search.open().assumptions
     written = search.written(task)
-    noise = {o: search.hypothesis.white(o) for o in search.hypothesis.groups}
+    noise = search.noise
     masked = search.hypothesis.simulation.masked
     for cause in search.causes:
         rest = without(written, cause.effect)

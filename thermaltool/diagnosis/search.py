@@ -344,8 +344,7 @@ def _worse_unseen(task: DiagnosisTask, before: SearchState, after: SearchState) 
     logs = tuple(
         log for log in task.validate if all(cannot_run(model, log) is None for model in models)
     )
-    noise = {o: before.hypothesis.white(o) for o in before.hypothesis.groups}
-    gained, lost = balance(*models, logs, {}, noise)
+    gained, lost = balance(*models, logs, {}, before.noise)
     return lost > gained
 
 

@@ -305,7 +305,12 @@ class SearchState:
             for log in (*task.logs, *task.validate)
             if all(cannot_run(each, log) is None for each in models)
         ]
-        return logs, {o: self.hypothesis.white(o) for o in self.hypothesis.groups}
+        return logs, self.noise
+
+    @property
+    def noise(self) -> dict[str, float]:
+        """White noise of a reading of each output."""
+        return {o: self.hypothesis.white(o) for o in self.hypothesis.groups}
 
     def open(self) -> Hypothesis:
         """The accepted causes under the assumptions in which the last step ended."""

@@ -111,6 +111,11 @@ class HeatLoss(Effect, ABC):
             return [0.0] * len(GAINS)
         return [self.parameters.get(f"{base}[{name}]", 0.0) for base in GAINS]
 
+    def _lags(self) -> tuple[float, float, float]:
+        """Time constants behind which what is lost at the place is felt [s]."""
+        short, long = self.parameters["time_constant"], self.parameters["slowest"]
+        return short, float(np.sqrt(short * long)), long
+
     def _felt(self, record: Record, memory: dict[str, Any]) -> Float:
         """What is lost at the place behind each lag, shape (3, n)."""
         assert self.partner is not None
@@ -121,8 +126,7 @@ class HeatLoss(Effect, ABC):
         # Until both are read nothing is known to leave.
         excess = np.where(known, excess, 0.0)
         lost, hold = self.state(record, memory) * excess, hold_of(self.channel)
-        short, long = self.parameters["time_constant"], self.parameters["slowest"]
-        lags = zip(GAINS, (short, float(np.sqrt(short * long)), long), strict=True)
+        lags = zip(GAINS, self._lags(), strict=True)
         return np.array(
             [
                 lagged(record.time, lost, tau, hold, memory=memory.setdefault(gain, {}))
@@ -191,8 +195,7 @@ class HeatLoss(Effect, ABC):
     def _acts_at_once(self) -> bool:
         """Whether the place goes its way from when heat leaves it, and no other way before."""
         assert self.partner is not None
-        short, long = self.parameters["time_constant"], self.parameters["slowest"]
-        tau = np.array([short, np.sqrt(short * long), long])
+        tau = np.array(self._lags())
         elapsed = max(tau) * np.append(0.5, np.geomspace(1e-3, 5.0, 100))
         moved = (1 - np.exp(-elapsed[:, None] / tau)) @ self._gains(self.partner)
         moved /= self.total(self.partner)

@@ -71,9 +71,7 @@ class Radiation(Effect):
     def drive(self, record: Record, u: Float, memory: Memory = None) -> Float:
         if self.partner is None:
             return u
-        memory = {} if memory is None else memory
-        rise = from_rest(record, self.partner, memory)
-        cold = memory.get("reading", (ROOM_DEGC, ROOM_DEGC))[0] + KELVIN
+        cold, rise = _read(record, self.partner, {} if memory is None else memory)
         hot = np.maximum(cold + rise, 0.0)
         return u - self.parameters["loss"] * ((hot**4 - cold**4) / (4 * cold**3) - rise)
 
@@ -96,9 +94,7 @@ class Radiation(Effect):
         """Temperature at rest [K], and the rise above it."""
         rest = self.parameters.get("rest")
         if rest is None:
-            rise = from_rest(record, self.channel, memory)
-            first, _ = memory.get("reading", (ROOM_DEGC, ROOM_DEGC))
-            return first + KELVIN, rise
+            return _read(record, self.channel, memory)
         if self.channel not in outputs:
             raise ModelError(f"{self.name}: needs the output {self.channel}, which is not there")
         return rest + KELVIN, outputs[self.channel]
@@ -114,6 +110,13 @@ class Radiation(Effect):
             for hot in scene.sensors() if not is_temperature(drive) else ():
                 if is_absolute(hot) and all(hot in log.columns for log in scene.logs):
                     yield cls(drive, {"loss": 1.0}, partner=hot)
+
+
+def _read(record: Record, channel: str, memory: dict[str, Any]) -> tuple[float, Float]:
+    """First reading of a temperature [K], and the rise above it."""
+    rise = from_rest(record, channel, memory)
+    first, _ = memory.get("reading", (ROOM_DEGC, ROOM_DEGC))
+    return first + KELVIN, rise
 
 
 def _hottest(scene: Scene) -> tuple[str, dict[str, float]] | None:
