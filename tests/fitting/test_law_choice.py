@@ -10,12 +10,18 @@ import pytest
 from thermaltool.diagnosis.diagnose import diagnose
 from thermaltool.effects.drive_nonlinearity import DriveNonlinearity
 from thermaltool.effects.heat_capacity import HeatCapacity
+from thermaltool.effects.natural_convection import NaturalConvection
+from thermaltool.effects.radiation import Radiation
 from thermaltool.effects.sensor_conversion import SensorConversion
+from thermaltool.fitting.acting_record import acting_records
 from thermaltool.fitting.calibrate import calibrate
 from thermaltool.fitting.calibration_plan import CalibrationPlan
-from thermaltool.fitting.laws import Law, acting_records
+from thermaltool.fitting.laws import Law
 from thermaltool.record import Record
 from thermaltool.report.calibration import calibration_warnings
+from thermaltool.responses.modes import Modes
+from thermaltool.responses.relaxation import RelaxationGrid
+from thermaltool.responses.varying_loss import run_with_loss
 
 DRIVE, OUTPUTS = "n_main_rpm", ("T_a_degC", "dT_b_K")
 LEVEL = 6000.0
@@ -250,6 +256,8 @@ def test_a_capacity_that_stays_is_left_alone(seed):
     [
         (Law(SensorConversion, "T_hot_degC", 80.0), "curvature"),
         (Law(HeatCapacity, "T_hot_degC", 80.0), "rise"),
+        (Law(Radiation, "T_hot_degC", 80.0, 20.0, 3000.0), "rate"),
+        (Law(NaturalConvection, "T_hot_degC", 80.0, 20.0, 3000.0), "rate"),
         (Law(DriveNonlinearity, "P_heater_W", 80.0), "exponent"),
     ],
 )
@@ -262,6 +270,104 @@ def test_a_law_says_how_sure_each_of_its_parameters_is(law, form):
     for name, deviation in zip(found.parameters, deviations, strict=True):
         change = abs(moved.parameters[name] - found.parameters[name])
         assert deviation == pytest.approx(change, rel=0.01)
+
+
+ROD = ("T_hot_degC", "T_far_degC", "d_z_um")
+ROD_NOISE = (0.03, 0.03, 0.5)
+ROD_PLAN = CalibrationPlan(("P_heater_W",), ROD[:2], ROD[2:], choose=True)
+
+
+def rod_log(seed, emissivity, film, still, watts):
+    """Aluminium, 0.4 m of 100 by 20 mm, heated at one end; its cells radiate and stand in air.
+
+    `film` in W/(m² K), and `still` of natural convection in W/(m² K^1.25).
+    """
+    generator, cells, rows, step, parts = np.random.default_rng(seed), 20, 1800, 10.0, 20
+    section, length = 0.1 * 0.02, 0.4 / 20
+    surface, capacity = 2 * (0.1 + 0.02) * length, 2.4e6 * section * length
+    time = step * np.arange(rows)
+    at = np.cumsum(np.r_[300.0, generator.uniform(600.0, 2400.0, 60)])
+    at = np.ceil(at[at < time[-1]] / step) * step
+    share = np.zeros(rows)
+    for begin, level in zip(at, generator.permutation(len(at)) % 5 / 4, strict=True):
+        share[time >= begin] = level
+    rise = np.zeros((rows, cells))
+    for k in range(1, rows):
+        y = rise[k - 1].copy()
+        for _ in range(parts):
+            radiated = 5.670374e-8 * ((293.15 + y) ** 4 - 293.15**4)
+            lost = emissivity * radiated + film * y + still * np.sign(y) * np.abs(y) ** 1.25
+            heat = -surface * lost
+            heat[:4] += share[k - 1] * watts / 4
+            through = 150.0 * section / length * np.diff(y)
+            heat[:-1] += through
+            heat[1:] -= through
+            y += step / parts * heat / capacity
+        rise[k] = y
+    seen = 20 + rise[:, 4], 20 + rise[:, 15], 11.0 * 0.4 * rise.mean(axis=1)
+    columns = {"P_heater_W": share * watts}
+    for name, y, noise in zip(ROD, seen, ROD_NOISE, strict=True):
+        columns[name] = y + noise * generator.standard_normal(rows)
+    return Record(time, columns, digest=f"rod {seed}")
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize(
+    ("loss", "found"),
+    [
+        ({"emissivity": 0.9, "film": 4.0, "still": 0.0}, {"radiation"}),
+        ({"emissivity": 0.0, "film": 2.0, "still": 1.8}, {"natural_convection"}),
+        ({"emissivity": 0.8, "film": 0.0, "still": 1.8}, {"radiation", "natural_convection"}),
+    ],
+)
+def test_a_loss_that_rises_with_the_temperature_is_found(loss, found):
+    log, unseen = (rod_log(seed, **loss, watts=100.0) for seed in (20261128, 20261129))
+    model = calibrate([log], ROD_PLAN)
+    linear = calibrate([log], replace(ROD_PLAN, linear=True))
+    assert found <= {e.name for e in model.effects}
+    told = " ".join(calibration_warnings(model))
+    words = {"radiation": "as by radiation", "natural_convection": "still air takes more heat"}
+    assert all(words[name] in told for name in found)
+    for output, noise in zip(ROD, ROD_NOISE, strict=True):
+        left, was = (
+            float(np.std(unseen.columns[output] - each.simulate(unseen)[output])) / noise
+            for each in (model, linear)
+        )
+        assert left < 4.0
+        assert was > 4 * left
+
+
+@pytest.mark.slow
+def test_a_loss_in_proportion_is_taken_as_it_is():
+    log = rod_log(20261130, emissivity=0.0, film=10.0, still=0.0, watts=100.0)
+    assert not calibrate([log], ROD_PLAN).effects
+
+
+def test_states_of_a_grid_decay_faster_by_a_rate_that_changes():
+    """As a simulation has them, and within what a held sample is off of steps without end."""
+    time = np.cumsum(np.r_[0.0, np.random.default_rng(20261128).uniform(5.0, 20.0, 60)])
+    u, rate = np.sin(time / 90.0) + 1, 0.004 + 0.004 * np.sin(time / 200.0)
+    cooling = np.append(0.0, np.cumsum(rate[:-1] * np.diff(time)))
+    grid = RelaxationGrid.between(0.002, 0.05)
+    for hold in ("zero", "first"):
+        x, parts, expected = np.zeros(len(grid.rates)), 4000, []
+        for k in range(len(time) - 1):
+            expected.append(x)
+            for j in range(parts):
+                now = u[k] + (u[k + 1] - u[k]) * (j + 0.5) / parts * (hold == "first")
+                step = (time[k + 1] - time[k]) / parts
+                # The trapezoidal rule.
+                half = step / 2 * (grid.rates + rate[k])
+                x = ((1 - half) * x + step * grid.rates * now) / (1 + half)
+        found = grid.states(time, u, hold, cooling)
+        np.testing.assert_allclose(found[:-1], expected, atol=0.01 * np.max(expected))
+        for k, rate_of_one in enumerate(grid.rates):
+            one = Modes(np.array([-rate_of_one + 0j]), np.array([rate_of_one + 0j]))
+            run = run_with_loss(one, time, u, hold, cooling)
+            np.testing.assert_allclose(found[:, k], run, atol=1e-12)
+        np.testing.assert_allclose(
+            grid.delayed(found, time, u, hold, 0.0, cooling), found, atol=1e-12
+        )
 
 
 def test_a_bent_reading_keeps_rest_and_the_largest_level():

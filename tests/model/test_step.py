@@ -13,7 +13,7 @@ from effects.machine import AIR, BEARING, COLUMN, FAR, HEAT, NEAR, PERIOD, X, Y,
 from effects.machine import model as machine
 from effects.test_every_effect import variants
 
-from thermaltool.effects import CATALOGUE, CORRECTIONS, effect_class
+from thermaltool.effects import CATALOGUE, NO_CAUSES, effect_class
 from thermaltool.effects.curve import DriveCurve, OutputCurve
 from thermaltool.effects.effect import Effect
 from thermaltool.errors import ModelError
@@ -118,17 +118,25 @@ def test_every_effect_on_every_hold(name):
             check(machine(effect, hold=hold), log(), restart=450)
 
 
+def effect(name, channel, log=None, **parameters):
+    return effect_class(name)(channel, parameters, log)
+
+
 CURVE = {"level": 60.0, "c1": 0.3, "c2": 0.7}
-OF_CORRECTIONS = [DriveCurve(HEAT, {**CURVE, "level": 1.0}), OutputCurve(X, CURVE)]
+BESIDE = [
+    DriveCurve(HEAT, {**CURVE, "level": 1.0}),
+    OutputCurve(X, CURVE),
+    effect("natural_convection", COLUMN, rate=5e-4, level=30.0),
+]
 
 
-@pytest.mark.parametrize("curve", OF_CORRECTIONS, ids=lambda c: c.name)
-def test_every_correction(curve):
-    check(machine(curve), log())
+@pytest.mark.parametrize("beside", BESIDE, ids=lambda effect: effect.name)
+def test_every_effect_that_is_no_cause(beside):
+    check(machine(beside), log())
 
 
-def test_no_correction_is_left_out():
-    assert {curve.name for curve in OF_CORRECTIONS} == set(CORRECTIONS)
+def test_none_that_is_no_cause_is_left_out():
+    assert {each.name for each in BESIDE} == set(NO_CAUSES)
 
 
 @pytest.mark.parametrize("name", [n for n in CATALOGUE if effect_class(n).side != "wiring"])
@@ -138,10 +146,6 @@ def test_rows_missing_beside_the_drives(name):
         holed[channel][[0, 1, 300, 301, -1]] = np.nan
     for effect in variants(name):
         check(machine(effect), Record(log().time, holed, digest=DIGEST), restart=301)
-
-
-def effect(name, channel, log=None, **parameters):
-    return effect_class(name)(channel, parameters, log)
 
 
 LAGS = {"time_constant": 200.0, "slowest": 2000.0}

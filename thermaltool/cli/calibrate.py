@@ -46,7 +46,7 @@ _OF_RESPONSES = ("drives", "sensors", "deflections", "responses", "fixed", "refe
               "where that leaves far less.")  # fmt: skip
 @click.option("--linear", is_flag=True,
               help="Take every drive as it is logged, and the material as at rest.  [default: "
-              "a power law or a parabola of a drive, a heat capacity that changes with "
+              "a power law or a parabola of a drive, a heat capacity or a loss that changes with "
               "temperature, where evidence and held-out rows speak for one]")  # fmt: skip
 @click.option("--reduce", metavar="pca[:k]|pls[:k]|none",
               help="For many drives that say much the same: components of them, directly and "

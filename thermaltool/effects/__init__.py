@@ -52,11 +52,12 @@ CATALOGUE: dict[str, str] = {
     "noise_state": "NoiseState",
 }
 
-# What ``thermaltool correct`` adds to a model: module and class. No cause, so that no diagnosis
-# tries them.
-CORRECTIONS: dict[str, tuple[str, str]] = {
+# What ``thermaltool correct`` and ``calibrate`` add to a model beside: module and class. No cause,
+# so that no diagnosis tries them.
+NO_CAUSES: dict[str, tuple[str, str]] = {
     "drive_curve": ("curve", "DriveCurve"),
     "output_curve": ("curve", "OutputCurve"),
+    "natural_convection": ("natural_convection", "NaturalConvection"),
 }
 
 
@@ -66,19 +67,19 @@ def effect_class(name: str) -> type[Effect]:
     Parameters
     ----------
     name : str
-        Of the catalogue, or of the corrections.
+        Of the catalogue, or of what is no cause.
 
     Raises
     ------
     ModelError
         Unknown cause; the message lists the known ones.
     """
-    if name in CORRECTIONS:
-        module, class_name = CORRECTIONS[name]
+    if name in NO_CAUSES:
+        module, class_name = NO_CAUSES[name]
     elif name in CATALOGUE:
         module, class_name = name, CATALOGUE[name]
     else:
-        known = ", ".join((*CATALOGUE, *CORRECTIONS))
+        known = ", ".join((*CATALOGUE, *NO_CAUSES))
         raise ModelError(f"unknown effect {name!r}; known: {known}")
     cls: type[Effect] = getattr(
         importlib.import_module(f"thermaltool.effects.{module}"), class_name

@@ -79,9 +79,7 @@ class Radiation(Effect):
         if self.partner is not None:
             return None
         cold, rise = self._temperature(record, outputs, {} if memory is None else memory)
-        hot = np.maximum(cold + rise, 0.0)
-        steeper = (hot**2 + cold**2) * (hot + cold) / (4 * cold**3) - 1
-        return self.parameters["rate"] * steeper
+        return self.parameters["rate"] * steeper(cold - KELVIN, rise)
 
     def plausible(self, scene: Scene) -> bool:
         if not super().plausible(scene):
@@ -110,6 +108,20 @@ class Radiation(Effect):
             for hot in scene.sensors() if not is_temperature(drive) else ():
                 if is_absolute(hot) and all(hot in log.columns for log in scene.logs):
                     yield cls(drive, {"loss": 1.0}, partner=hot)
+
+
+def steeper(rest: float, rise: Float) -> Float:
+    """By how much more is radiated for each kelvin than at rest, shape of `rise` [1].
+
+    Parameters
+    ----------
+    rest : float [degC]
+        Of the surface and of what is around it.
+    rise : ndarray, any shape [K]
+    """
+    cold = rest + KELVIN
+    hot = np.maximum(cold + rise, 0.0)
+    return np.asarray((hot**2 + cold**2) * (hot + cold) / (4 * cold**3) - 1)
 
 
 def _read(record: Record, channel: str, memory: dict[str, Any]) -> tuple[float, Float]:

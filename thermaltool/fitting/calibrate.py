@@ -12,6 +12,7 @@ import numpy as np
 
 from thermaltool.effects.effect import Effect
 from thermaltool.errors import FitError
+from thermaltool.fitting.acting_record import acting_records
 from thermaltool.fitting.averaging import average, averaged_rows, of_readings
 from thermaltool.fitting.calibration_plan import CalibrationPlan
 from thermaltool.fitting.hold_choice import ChosenKinds, switched_between_rows
@@ -24,7 +25,7 @@ from thermaltool.fitting.kind_candidate import (
     of_one_body,
 )
 from thermaltool.fitting.law_choice import explain, laws_of
-from thermaltool.fitting.laws import acting_records
+from thermaltool.fitting.laws import LOSSES
 from thermaltool.fitting.output_fit import OutputFit, fit_output
 from thermaltool.fitting.projection import GridStates
 from thermaltool.fitting.response_choice import choose_response
@@ -90,17 +91,24 @@ def calibrate(
             commanded = drives
             outputs, terms, kinds = _fitted(records, plan, drives, progress, between)
     effects, plain = tuple[Effect, ...](), kinds
-    for _ in range(LAW_ROUNDS if plan.choose and not plan.linear else 0):
+    # Heat that is lost faster everywhere comes first; where it explains too little, the rest alone.
+    losses = True
+    turn = LAW_ROUNDS if plan.choose and not plan.linear else 0
+    while turn:
         progress("trying laws of the drives and of the material")
-        found = laws_of(records, drives, kinds, effects, plan.fixed, plan.free_start)
+        found = laws_of(records, drives, kinds, effects, plan.fixed, plan.free_start, losses)
         if not found:
             break
         acting, zeroed = acting_records(records, drives, found)
         with_laws = _fitted(acting, plan, zeroed, progress, between)
-        if not explain(records, drives, plain, with_laws[2], found, plan.fixed, plan.free_start):
+        if explain(records, drives, plain, with_laws[2], found, plan.fixed, plan.free_start):
+            effects = found
+            outputs, terms, kinds = with_laws
+            turn -= 1
+        elif losses and not effects and any(isinstance(each, LOSSES) for each in found):
+            losses = False
+        else:
             break
-        effects = found
-        outputs, terms, kinds = with_laws
     ranges = (
         extent([relative(r.column(d.channel), d.reference, d.hold) for r in measured])
         for d in commanded

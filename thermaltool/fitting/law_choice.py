@@ -14,19 +14,22 @@ from collections.abc import Mapping, Sequence
 
 import numpy as np
 
+from thermaltool.effects.channels import ROOM_DEGC
 from thermaltool.effects.drive_nonlinearity import DriveNonlinearity
 from thermaltool.effects.dynamics import from_rest
 from thermaltool.effects.effect import Effect
 from thermaltool.effects.heat_capacity import HeatCapacity
 from thermaltool.effects.sensor_conversion import SensorConversion
+from thermaltool.fitting.acting_record import acting_records
 from thermaltool.fitting.averaging import row_noise
 from thermaltool.fitting.hold_choice import ChosenKinds
 from thermaltool.fitting.law_search import LawSearch
-from thermaltool.fitting.laws import Law, acting_records
+from thermaltool.fitting.laws import LOSSES, Law
 from thermaltool.fitting.projection import GridStates
 from thermaltool.fitting.response_choice import MIN_ROWS
 from thermaltool.fitting.response_search import KindSearch
 from thermaltool.model import Drive, relative
+from thermaltool.model.rest import rest_level
 from thermaltool.record import Record
 from thermaltool.responses.modes import Float
 from thermaltool.units import is_absolute, is_temperature
@@ -49,6 +52,7 @@ def laws_of(
     known: Sequence[Effect],
     fixed: Mapping[str, float],
     free_start: bool,
+    losses: bool = True,
 ) -> tuple[Effect, ...]:
     """Laws with which the same kinds of response describe the records decisively better.
 
@@ -66,6 +70,8 @@ def laws_of(
     fixed : mapping of parameter name to value
     free_start : bool
         See `fit_output`.
+    losses : bool
+        Whether more heat for each kelvin may be lost where the machine is hot.
 
     Returns
     -------
@@ -79,14 +85,8 @@ def laws_of(
         for k, d in enumerate(drives)
         if _drives(chosen, k) and (level := _level(records, d))
     ]
-    if not free_start and (levels := _levels(records, chosen)):
-        hottest = max(levels, key=lambda channel: abs(levels[channel]))
-        laws.append(Law(HeatCapacity, hottest, abs(levels[hottest])))
-        # A room as a drive moves the level at rest, about which a reading would bend.
-        rooms = any(is_absolute(drive.channel) for drive in drives)
-        bent = {} if rooms else levels
-        laws += [Law(SensorConversion, channel, level) for channel, level in bent.items()]
-    if not laws:
+    levels = {} if free_start else _levels(records, chosen)
+    if not laws and not levels:
         return ()
     # Rows that a known nonlinearity explains are no outliers.
     acting, zeroed = acting_records(records, drives, known, comparable=True)
@@ -103,7 +103,15 @@ def laws_of(
         )
         for each in chosen
     ]
-    return tuple(LawSearch(records, drives, chosen, tasks, laws).in_turn(known))
+    if levels:
+        hottest = max(levels, key=lambda channel: abs(levels[channel]))
+        laws.append(Law(HeatCapacity, hottest, abs(levels[hottest])))
+        # A room as a drive moves the level at rest, from which a reading bends and heat is lost.
+        if not any(is_absolute(drive.channel) for drive in drives):
+            if losses:
+                laws += _losses(records, chosen, tasks, hottest, levels[hottest])
+            laws += [Law(SensorConversion, channel, level) for channel, level in levels.items()]
+    return tuple(LawSearch(records, drives, chosen, tasks, laws).found(known))
 
 
 def explain(
@@ -116,6 +124,9 @@ def explain(
     free_start: bool,
 ) -> bool:
     """Whether laws leave little beyond the noise, and predict held-out rows no worse.
+
+    Of some output, for another may have another error. Of all of them where the machine loses more
+    heat when hot: what one place loses, a loss everywhere and a curve of the drive explain in part.
 
     Parameters
     ----------
@@ -143,7 +154,31 @@ def explain(
         large.append(size > 2 * noise)
         left.append(rest - noise < MAX_LEFT_BY_LAW * (size - noise))
         worse.append(np.mean(other.held_out**2) > MAX_WORSE * np.mean(usual.held_out**2))
-    return bool(np.any(np.array(large) & np.array(left)) and not np.any(worse))
+    explained, open_ = np.array(large) & np.array(left), np.array(large) & ~np.array(left)
+    if any(isinstance(effect, LOSSES) for effect in effects) and np.any(open_):
+        return False
+    return bool(np.any(explained) and not np.any(worse))
+
+
+def _losses(
+    records: Sequence[Record],
+    chosen: Sequence[ChosenKinds],
+    tasks: Sequence[KindSearch],
+    hottest: str,
+    level: float,
+) -> list[Law]:
+    """A loss that rises with the hottest temperature; none where nothing is hotter than rest."""
+    k = next(k for k, each in enumerate(chosen) if each.output == hottest)
+    # One lag is slow as the machine loses its heat, whatever a kind that is bent to fit has found.
+    one = ("rational1",) * len(tasks[k].drives)
+    fit = tasks[k].fit(one, chosen[k].delays, common=True) if level > 0 else None
+    if fit is None:
+        return []
+    rest = ROOM_DEGC
+    if is_absolute(hottest):
+        rest = float(np.mean([rest_level(r.column(hottest), "first", "first") for r in records]))
+    slowest = max(response.slowest() for response in fit.responses)
+    return [Law(effect, hottest, level, rest, slowest) for effect in LOSSES]
 
 
 def _drives(chosen: Sequence[ChosenKinds], drive: int) -> bool:

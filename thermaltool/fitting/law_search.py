@@ -1,17 +1,23 @@
-"""Parameters of laws: searched one after another, all outputs fitted anew at every trial."""
+"""Parameters of laws: the laws that decide taken up one after another, all of them moved together.
+
+Every trial fits all outputs anew. A step is that of Gauss and Newton (Levenberg-Marquardt) on what
+the outputs' own parameters leave: laws that stand in for each other, as radiation and natural
+convection do, find their common optimum in a few of them.
+"""
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass, field
+from typing import NamedTuple
 
 import numpy as np
-from scipy.optimize import minimize_scalar
 
 from thermaltool.effects.effect import Effect
+from thermaltool.fitting.acting_record import acting_records
 from thermaltool.fitting.hold_choice import ChosenKinds
-from thermaltool.fitting.laws import Law, LawName, acting_records
-from thermaltool.fitting.projection import GridStates
+from thermaltool.fitting.laws import Law
+from thermaltool.fitting.projection import MIN_DIRECTION, GridStates, linear_least_squares
 from thermaltool.fitting.response_search import FittedKinds, KindSearch
 from thermaltool.fitting.sound_kinds import DECISIVE
 from thermaltool.model import Drive
@@ -20,29 +26,67 @@ from thermaltool.responses.modes import Float
 
 # A small step to both sides, from which the gain within so many of them is predicted; no squared
 # error is predicted to fall below this share.
-TRIAL_STEP, TRIAL_STEPS, LEAST_SHARE = 0.02, 10.0, 1e-3
-# Around a value that is known: where it is searched once more.
-NEAR = 0.1
-# Steps to both sides from which the standard error is taken.
+TRIAL_STEP, TRIAL_STEPS, LEAST_SHARE, PLACES = 0.02, 10.0, 1e-3, 201
+# A law takes at least this share of the squared error of some output: with less of it the error is
+# at most 3 % larger, which is not worth one.
+MIN_SHARE = 0.06
+# From which slopes are taken, and within which of its end a law wants to be another one.
 ERROR_STEP = 0.01
 # A search goes on from another minimum of the rates that has more evidence by so much.
 MIN_FALL = 1.0
-# Where a search ends, in the parameter or its logarithm; trials at most. Several drives are
-# searched in turn, at most so often, until none moves by more than this of its standard error.
-TOLERANCE, MAX_TRIALS = 1e-4, 25
-MAX_TURNS, SETTLED = 8, 0.3
+# Steps of a search at most; it ends where one promises less evidence than this. Damping at first,
+# how it changes, and where nothing is gained any more.
+MAX_STEPS, LEAST_GAIN = 12, 0.05
+DAMPING, SOFTER, STIFFER, STIFFEST = 1e-3, 0.2, 8.0, 1e3
+
+
+class LawForm(NamedTuple):
+    """A law in one of its parameters."""
+
+    law: Law
+    name: str
 
 
 @dataclass(frozen=True)
 class _Trial:
-    """A value of a parameter (or its logarithm), and every output fitted with it."""
+    """Values of the laws' parameters as they are searched, and every output fitted with them."""
 
-    x: float
+    forms: tuple[LawForm, ...]
+    x: Float
     fits: list[FittedKinds]
 
     def fall(self, before: Sequence[FittedKinds], rows: Float) -> float:
         """Fall of the criterion of all outputs, each of so many independent rows."""
         return float(rows @ np.log(_sizes(before) / _sizes(self.fits)))
+
+    def evidence(self, before: Sequence[FittedKinds]) -> float:
+        """The same of one parameter more, rows as independent as this trial leaves them.
+
+        None of what is not worth a parameter.
+        """
+        if np.min(_sizes(self.fits) / _sizes(before)) > 1 - MIN_SHARE:
+            return 0.0
+        rows = _independent(self.fits)
+        return self.fall(before, rows) - float(np.log(np.sum(rows)))
+
+    def residual(self, rows: Float) -> Float:
+        """What is left of all outputs, shape (groups of all,); of squared size `rows`, each."""
+        sizes = _sizes(self.fits)
+        parts = [
+            np.sqrt(n / s) * f.residual for f, n, s in zip(self.fits, rows, sizes, strict=True)
+        ]
+        return np.concatenate(parts)
+
+    def change(self, one: _Trial, other: _Trial, rows: Float) -> Float:
+        """Of that residual, from one trial to another near by, shape (groups of all,)."""
+        roots, pairs = np.sqrt(rows / _sizes(self.fits)), zip(one.fits, other.fits, strict=True)
+        changes = [b.residual - a.residual for a, b in pairs]
+        return np.concatenate([r * each for r, each in zip(roots, changes, strict=True)])
+
+    def by_output(self, values: Float) -> Float:
+        """Sums over the groups of each output, shape (outputs,)."""
+        starts = np.cumsum([0, *(len(fit.residual) for fit in self.fits[:-1])])
+        return np.asarray(np.add.reduceat(values, starts))
 
 
 @dataclass
@@ -55,77 +99,180 @@ class LawSearch:
     tasks: Sequence[KindSearch]
     laws: Sequence[Law]
     _settled: dict[str, tuple[tuple[Effect, ...], GridStates]] = field(default_factory=dict)
-    _bases: dict[str, list[FittedKinds] | None] = field(default_factory=dict)
 
-    def in_turn(self, known: Sequence[Effect]) -> list[Effect]:
-        """Each law beside what is known of the others, until none of them moves.
+    def found(self, known: Sequence[Effect]) -> list[Effect]:
+        """The laws that decide, each beside all others, with their standard errors.
 
         Parameters
         ----------
         known : sequence of Effect
+            From where the search goes on.
         """
-        order, first = list(self.laws), None
-        names = {law.name for law in order}
-        found = {name: e for e in known if (name := (e.name, e.channel)) in names}
-        if not found:
-            alone = {law.name: best for law in order if (best := self._best(law, (), None))}
-            if not alone or len(order) == 1:
-                return [effect for _, effect in alone.values()]
-            # The strongest first: what comes near to it is nothing beside it.
-            order.sort(key=lambda law: -alone[law.name][0] if law.name in alone else 0.0)
-            first = order[0].name
-            found = {first: alone[first][1]}
-        beside: dict[LawName, set[LawName]] = {}
-        for turn in range(MAX_TURNS):
-            before = dict(found)
-            for law in order:
-                if law.name == first and not turn:
-                    continue
-                others = {name: effect for name, effect in found.items() if name != law.name}
-                # Near its last value where it was found beside the same others.
-                near = found.get(law.name) if beside.get(law.name) == set(others) else None
-                beside[law.name] = set(others)
-                best = self._best(law, tuple(others.values()), near)
-                found.pop(law.name, None)
-                if best is not None:
-                    found[law.name] = best[1]
-            if _alike(before, found):
+        here = self._from(known)
+        if here is None:
+            return []
+        left = [law for law in self.laws if law not in {form.law for form in here.forms}]
+        while left:
+            slopes = self._slopes(here, _independent(here.fits))
+            further = [
+                (each, law) for law in left if (each := self._beside(here, law, slopes)) is not None
+            ]
+            if not further:
                 break
-            # What says nothing beside the first ones is not asked again.
-            order = [law for law in order if law.name in found]
-        return list(found.values())
+            # The strongest first: what comes near to it is nothing beside it.
+            before = here.fits
+            here, best = max(further, key=lambda pair: pair[0].evidence(before))
+            # What says nothing beside the others is not asked again.
+            left = [law for _, law in further if law != best]
+        here = self._needed(here)
+        errors = self._errors(here)
+        return [
+            form.law.known(form.name, float(x), float(error))
+            for form, x, error in zip(here.forms, here.x, errors, strict=True)
+        ]
 
-    def _best(
-        self, law: Law, others: tuple[Effect, ...], near: Effect | None
-    ) -> tuple[float, Effect] | None:
-        """A law that decides, and its evidence, beside others; None for none."""
-        base = self._base(others)
-        if base is None:
-            return None
-        best: tuple[float, Effect] | None = None
-        for form in law.forms if near is None else [n for n in law.forms if n in near.parameters]:
+    def _from(self, known: Sequence[Effect]) -> _Trial | None:
+        """The laws that are known, moved to where the records have them; None without a fit."""
+        forms, x = list[LawForm](), list[float]()
+        for law in self.laws:
+            for effect in known:
+                if (effect.name, effect.channel) == law.name:
+                    name = next(name for name in law.forms if name in effect.parameters)
+                    forms.append(LawForm(law, name))
+                    x.append(law.place(name, effect.parameters[name]))
+        start = self._trial(tuple(forms), np.array(x))
+        return None if start is None else self._moved(start)
 
-            def at(x: float, close: Sequence[FittedKinds] | None, form: str = form) -> _Trial:
-                fits = self._fits((*others, law.at(form, x)), close, base)
-                return _Trial(float(x), base if fits is None else fits)
-
-            start = None if near is None else law.place(form, near.parameters[form])
-            found = _searched(at, base, law.places(form), start)
-            if found is None:
+    def _beside(self, here: _Trial, law: Law, slopes: Float | None) -> _Trial | None:
+        """One law more, all of them where they decide together; None where it decides nothing."""
+        best: _Trial | None = None
+        for name in law.forms:
+            start = self._promising(here, LawForm(law, name), slopes)
+            if start is None:
                 continue
-            trial, error = found
-            rows = _independent(trial.fits)
-            evidence = trial.fall(base, rows) - float(np.log(np.sum(rows)))
-            if evidence > DECISIVE and (best is None or evidence > best[0]):
-                best = evidence, law.known(form, trial.x, error)
+            found = self._moved(start)
+            low, high = law.places(name)
+            if min(found.x[-1] - low, high - found.x[-1]) < ERROR_STEP:
+                # At the end of what is tried the records want another law than this one.
+                continue
+            evidence = found.evidence(here.fits)
+            if evidence > DECISIVE and (best is None or evidence > best.evidence(here.fits)):
+                best = found
         return best
 
-    def _base(self, others: tuple[Effect, ...]) -> list[FittedKinds] | None:
-        """Every output fitted with these laws alone; each set of them once."""
-        key = repr([(e.name, e.channel, dict(e.parameters)) for e in others])
-        if key not in self._bases:
-            self._bases[key] = self._fits(others)
-        return self._bases[key]
+    def _promising(self, here: _Trial, form: LawForm, others: Float | None) -> _Trial | None:
+        """A place from which a law may decide, by two small steps; None where they promise none."""
+        forms = (*here.forms, form)
+        sides = (-TRIAL_STEP, TRIAL_STEP)
+        behind, ahead = (self._trial(forms, np.append(here.x, s), here.fits) for s in sides)
+        rows = _independent(here.fits)
+        if behind is None or ahead is None or others is None:
+            return None
+        left, slope = here.residual(rows), here.change(behind, ahead, rows) / (2 * TRIAL_STEP)
+        # The others move with it: they have their share of what it does.
+        shares = linear_least_squares(others, slope, MIN_DIRECTION)
+        slope = slope - others @ shares
+        reach = TRIAL_STEPS * TRIAL_STEP
+        places = np.clip(np.linspace(-reach, reach, PLACES), *form.law.places(form.name))
+        whole, along, square = (here.by_output(each) for each in (left**2, left * slope, slope**2))
+        steps = places[:, None]
+        sizes = 1 + (2 * along * steps + square * steps**2) / np.maximum(
+            whole, np.finfo(float).tiny
+        )
+        promised = -np.log(np.maximum(sizes, LEAST_SHARE)) @ rows
+        best = int(np.argmax(promised))
+        if promised[best] <= DECISIVE or np.min(sizes[best]) > 1 - MIN_SHARE:
+            return None
+        x = np.append(here.x - shares * places[best], places[best])
+        all_ends = np.array([each.law.places(each.name) for each in forms]).T
+        return self._trial(forms, np.clip(x, *all_ends), here.fits)
+
+    def _needed(self, here: _Trial) -> _Trial:
+        """Without the laws that decide nothing once the others have moved."""
+        while len(here.forms) > 1:
+            rest = [self._without(here, k) for k in range(len(here.forms))]
+            lost = [np.inf if each is None else here.evidence(each.fits) for each in rest]
+            k = int(np.argmin(lost))
+            least = rest[k]
+            if least is None or lost[k] > DECISIVE:
+                break
+            here = least
+        return here
+
+    def _without(self, here: _Trial, k: int) -> _Trial | None:
+        forms = tuple(form for j, form in enumerate(here.forms) if j != k)
+        start = self._trial(forms, np.delete(here.x, k), here.fits)
+        return None if start is None else self._moved(start)
+
+    def _moved(self, start: _Trial) -> _Trial:
+        """The least error of all outputs near a start, by every parameter of a law at once."""
+        best = self._descended(start)
+        # Trials follow one minimum of the rates; where another is better the search goes on in it.
+        fresh = self._trial(best.forms, best.x)
+        if fresh is not None and fresh.fall(best.fits, _independent(best.fits)) > MIN_FALL:
+            best = self._descended(fresh)
+        return best
+
+    def _descended(self, best: _Trial) -> _Trial:
+        if not best.forms:
+            return best
+        ends = np.array([form.law.places(form.name) for form in best.forms]).T
+        damping, slopes = DAMPING, None
+        for _ in range(MAX_STEPS):
+            rows = _independent(best.fits)
+            left = best.residual(rows)
+            slopes = self._slopes(best, rows) if slopes is None else slopes
+            if slopes is None:
+                break
+            gradient, information = slopes.T @ left, slopes.T @ slopes
+            damped = information + damping * np.diag(np.diag(information) + 1e-12)
+            step = np.clip(best.x - np.linalg.solve(damped, gradient), *ends) - best.x
+            promised = -(2 * gradient @ step + step @ information @ step)
+            if promised < LEAST_GAIN or damping > STIFFEST:
+                break
+            there = self._trial(best.forms, best.x + step, best.fits)
+            if there is not None and there.fall(best.fits, rows) > 0:
+                best, slopes, damping = there, None, damping * SOFTER
+            else:
+                damping *= STIFFER
+        return best
+
+    def _slopes(self, here: _Trial, rows: Float) -> Float | None:
+        """Slopes of `_Trial.residual` by the parameters, shape (groups of all, laws)."""
+        columns = [np.zeros((sum(len(fit.residual) for fit in here.fits), 0))]
+        for k, form in enumerate(here.forms):
+            high = form.law.places(form.name)[1]
+            step = ERROR_STEP if here.x[k] + ERROR_STEP <= high else -ERROR_STEP
+            moved = self._trial(here.forms, here.x + step * (np.arange(len(here.x)) == k),
+                                here.fits, k)  # fmt: skip
+            if moved is None:
+                return None
+            columns.append(here.change(here, moved, rows) / step)
+        return np.column_stack(columns)
+
+    def _errors(self, here: _Trial) -> Float:
+        """Standard errors beside each other, shape (laws,)."""
+        slopes = self._slopes(here, _independent(here.fits)) if here.forms else None
+        if slopes is None:
+            return np.abs(here.x)
+        return np.sqrt(np.diag(np.linalg.pinv(slopes.T @ slopes)))
+
+    def _trial(
+        self,
+        forms: tuple[LawForm, ...],
+        x: Float,
+        near: Sequence[FittedKinds] | None = None,
+        moved: int | None = None,
+    ) -> _Trial | None:
+        """Every output fitted with these values; None where one cannot be.
+
+        Of all values `moved` alone may differ from those with which `near` was fitted.
+        """
+        effects = [form.law.at(form.name, float(v)) for form, v in zip(forms, x, strict=True)]
+        if moved is not None:
+            effects.append(effects.pop(moved))
+        fits = self._fits(tuple(effects), near, near if moved is not None else None)
+        return None if fits is None else _Trial(forms, x, fits)
 
     def _fits(
         self,
@@ -148,7 +295,7 @@ class LawSearch:
                 states.update(kept)
         records, drives = acting_records(self.records, self.drives, effects, comparable=True)
         thetas = [None] * len(self.chosen) if near is None else [each.theta for each in near]
-        alone = effects[-1].channel if base is not None and effects[-1].side == "sensor" else None
+        alone = effects[-1].channel if base and effects[-1].side == "sensor" else None
         fits = [
             each.fitted(
                 task.driven_by([drives[d] for d in each.drives], states, records), thetas[k]
@@ -162,97 +309,6 @@ class LawSearch:
             self._settled[drive.channel] = own[drive.channel], mine
         kept_fits = [fit for fit in fits if fit is not None]
         return kept_fits if len(kept_fits) == len(fits) else None
-
-
-def _searched(
-    at: Callable[[float, Sequence[FittedKinds] | None], _Trial],
-    base: Sequence[FittedKinds],
-    ends: tuple[float, float],
-    start: float | None,
-) -> tuple[_Trial, float] | None:
-    """The best trial of one form and its standard error; None where small steps promise none."""
-    low, high = ends
-    if start is None:
-        behind, ahead = at(-TRIAL_STEP, base), at(TRIAL_STEP, base)
-        side = _predicted_side(base, behind.fits, ahead.fits)
-        if not side:
-            return None
-        low, high = (0.0, high) if side > 0 else (low, 0.0)
-    else:
-        low, high = max(low, start - NEAR), min(high, start + NEAR)
-        ahead = at(start, None)
-    rows = _independent(base)
-    best = _least(at, base, ahead, (low, high), rows, 10 * TOLERANCE)
-    # Trials follow one minimum of the rates; where another is better the search goes on in it.
-    fresh = at(best.x, None)
-    if fresh.fall(best.fits, rows) > MIN_FALL:
-        best = _least(at, base, fresh, (low, high), rows, 10 * TOLERANCE)
-    # Rows are as independent as the best trial leaves them.
-    rows = _independent(best.fits)
-    close = max(low, best.x - TRIAL_STEP), min(high, best.x + TRIAL_STEP)
-    best = _least(at, base, best, close, rows, TOLERANCE)
-    if min(best.x - ends[0], ends[1] - best.x) < ERROR_STEP:
-        # At the end of what is tried the records want another law than this one.
-        return None
-    if start is not None and min(best.x - low, high - best.x) < ERROR_STEP:
-        # Farther away than where it was looked for.
-        return _searched(at, base, ends, None)
-    sides = [at(best.x + step, best.fits) for step in (-ERROR_STEP, ERROR_STEP)]
-    bend = sum(best.fall(each.fits, rows) for each in sides)
-    return best, ERROR_STEP * float(np.sqrt(2 / bend)) if bend > 0 else abs(best.x)
-
-
-def _least(
-    at: Callable[[float, Sequence[FittedKinds] | None], _Trial],
-    base: Sequence[FittedKinds],
-    first: _Trial,
-    bounds: tuple[float, float],
-    rows: Float,
-    tolerance: float,
-) -> _Trial:
-    """The trial with the largest fall of the criterion within bounds."""
-    best = first
-
-    def loss(x: float) -> float:
-        nonlocal best
-        trial = at(float(x), best.fits)
-        if trial.fall(base, rows) > best.fall(base, rows):
-            best = trial
-        return -trial.fall(base, rows)
-
-    minimize_scalar(
-        loss,
-        bounds=bounds,
-        method="bounded",
-        options={"xatol": tolerance, "maxiter": MAX_TRIALS},
-    )
-    return best
-
-
-def _predicted_side(
-    base: Sequence[FittedKinds], behind: Sequence[FittedKinds], ahead: Sequence[FittedKinds]
-) -> float:
-    """Side on which parabolas of the squared errors predict a decisive gain; 0 for none."""
-    here, before, after = _sizes(base), _sizes(behind), _sizes(ahead)
-    rows = _independent(base)
-    side = 1.0 if rows @ np.log(before / after) > 0 else -1.0
-    slope, bend = (after - before) / 2, (after + before) / 2 - here
-    steps = side * np.linspace(0.0, TRIAL_STEPS, 101)[:, None]
-    share = np.maximum((here + slope * steps + bend * steps**2) / here, LEAST_SHARE)
-    return side if np.max(-np.log(share) @ rows) > DECISIVE else 0.0
-
-
-def _alike(before: Mapping[LawName, Effect], after: Mapping[LawName, Effect]) -> bool:
-    """Whether no nonlinearity moved by what its standard error shows."""
-    if before.keys() != after.keys():
-        return False
-    for channel, effect in after.items():
-        name = next(iter(effect.parameters))
-        was, now = before[channel].parameters.get(name), effect.parameters[name]
-        error = 0.0 if effect.covariance is None else float(effect.covariance[0, 0]) ** 0.5
-        if was is None or abs(now - was) > SETTLED * error:
-            return False
-    return True
 
 
 def _sizes(fits: Sequence[FittedKinds]) -> Float:

@@ -17,6 +17,7 @@ from numpy.typing import NDArray
 from scipy.linalg import qr
 
 from thermaltool.errors import FitError
+from thermaltool.fitting.acting_record import ActingRecord
 from thermaltool.fitting.averaging import row_noise
 from thermaltool.fitting.parametrization import Parametrization
 from thermaltool.model import Drive, relative
@@ -174,19 +175,22 @@ class CalibrationProblem:
         for k, record in enumerate(records):
             values = record.column(output)
             there = np.isfinite(values)
+            cooling = record.cooling if isinstance(record, ActingRecord) else None
             block = np.zeros((int(there.sum()), n * inputs + decays + len(records)))
             for d, drive in enumerate(drives):
                 u = relative(record.column(drive.channel), drive.reference, drive.hold)
                 x = driven.get((k, drive.channel))
                 if x is None:
-                    x = driven[k, drive.channel] = grid.states(record.time, u, drive.hold)
+                    x = driven[k, drive.channel] = grid.states(record.time, u, drive.hold, cooling)
                 if delays and delays[d]:
-                    x = grid.delayed(x, record.time, u, drive.hold, delays[d])
+                    x = grid.delayed(x, record.time, u, drive.hold, delays[d], cooling)
                 block[:, d * n : (d + 1) * n] = x[there]
             if free_start:
                 since = record.time[there] - record.time[0]
                 to = slice(n * inputs + k * n, n * inputs + (k + 1) * n)
                 block[:, to] = np.exp(-np.outer(since, grid.rates))
+                if cooling is not None:
+                    block[:, to] *= np.exp(cooling[0] - cooling[there])[:, None]
             block[:, n * inputs + decays + k] = 1.0
             blocks.append(block)
             measured.append(values[there])

@@ -12,10 +12,10 @@ from dataclasses import replace
 import numpy as np
 
 from thermaltool.effects.effect import Effect
+from thermaltool.fitting.acting_record import acting_records
 from thermaltool.fitting.averaging import row_noise
 from thermaltool.fitting.discrepancy import calibration_error
 from thermaltool.fitting.hold_choice import ChosenKinds
-from thermaltool.fitting.laws import acting_records
 from thermaltool.fitting.response_search import KindSearch
 from thermaltool.fitting.sound_kinds import DECISIVE
 from thermaltool.fitting.start_state import stands_still

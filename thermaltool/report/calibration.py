@@ -235,7 +235,7 @@ def _joint(effect: JointContact) -> str:
 
 def _law(effect: Effect, model: Model) -> str:
     """What acts in place of a drive, how the machine changes with its temperature, what is read."""
-    name = next(n for n in effect.parameters if n not in ("level", "gain"))
+    name = next(n for n in effect.parameters if n not in ("level", "gain", "rest"))
     value, at = effect.parameters[name], list(effect.parameters).index(name)
     error = 0.0 if effect.covariance is None else float(effect.covariance[at, at]) ** 0.5
     told = normal_estimate(value, error)
@@ -249,7 +249,19 @@ def _law(effect: Effect, model: Model) -> str:
             "material conducts heat otherwise when it is hot, or the sensor is converted by "
             "another curve"
         )
+    if effect.name == "radiation":
+        return (
+            f"{effect.channel}: more heat is lost for each degree where it is hot, as by "
+            f"radiation (rate at rest {told} 1/s): gains and time constants hold near rest, and "
+            "are smaller above"
+        )
     level = f"{effect.parameters['level']:.4g} {printed(parse_channel(effect.channel).unit)}"
+    if effect.name == "natural_convection":
+        return (
+            f"{effect.channel}: still air takes more heat for each degree where it is hot (rate "
+            f"{told} 1/s at {level} above rest): gains and time constants hold there, and are "
+            "larger near rest"
+        )
     if name == "rise":
         return (
             f"{effect.channel}: heat capacity over conductivity is {1 + value:.4g} times as large "

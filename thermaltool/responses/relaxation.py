@@ -105,20 +105,23 @@ class RelaxationGrid:
             self._inverse @ np.append(response.step(self.times), STEADY_STATE_WEIGHT * dc_gain)
         )
 
-    def states(self, time: Float, u: Float, hold: Hold) -> Float:
+    def states(self, time: Float, u: Float, hold: Hold, cooling: Float | None = None) -> Float:
         """Responses of rate/(s + rate), for every rate, to one input from rest.
 
         Parameters
         ----------
         time, u : ndarray, shape (n_samples,)
+        hold : "zero" or "first"
+        cooling : ndarray, shape (n_samples,), optional
+            Integral Γ of a rate by which all decay faster: x' = rate·(u − x) − Γ'·x.
 
         Returns
         -------
         ndarray, shape (n_samples, n)
         """
         spans = list(uniform_spans(time))
-        if len(spans) > MAX_SPANS:
-            return self._states_uneven(time, u, hold)
+        if len(spans) > MAX_SPANS or (cooling is not None and np.any(np.diff(cooling))):
+            return self._states_uneven(time, u, hold, cooling)
         x = np.zeros((len(time), len(self.rates)))
         bank = Modes((-self.rates).astype(complex), np.ones(len(self.rates), complex))
         for rows, dt in spans:
@@ -128,24 +131,38 @@ class RelaxationGrid:
                 x[k + 1] = phi * x[k] + g0 * u[k] + g1 * u[k + 1]
         return x
 
-    def _states_uneven(self, time: Float, u: Float, hold: Hold) -> Float:
-        """`states` where nearly every sample has a length of its own: all lengths at once."""
+    def _states_uneven(
+        self, time: Float, u: Float, hold: Hold, cooling: Float | None = None
+    ) -> Float:
+        """`states` where nearly every sample has a length or a decay of its own, all at once."""
         z = np.outer(np.diff(time), self.rates)
-        phi = np.exp(-z)
+        more = np.zeros(len(time) - 1) if cooling is None else np.diff(cooling)
+        phi, before = np.exp(-z - more[:, None]), u[:-1]
+        if cooling is not None:
+            # As `run_with_loss`: what is held acts, on the mean, half a sample later.
+            before = before * np.exp(-more / 2 if hold == "zero" else -more)
         if hold == "zero":
-            added = -np.expm1(-z) * u[:-1, None]
+            added = -np.expm1(-z) * before[:, None]
         else:
             # Means of e^(−z) over the sample, from a ramp up and a ramp down; by series where the
             # difference would be rounding.
             up = np.where(z > SERIES_BELOW, 1 + np.expm1(-z) / np.maximum(z, SERIES_BELOW),
                           z / 2 - z**2 / 6 + z**3 / 24)  # fmt: skip
-            added = (-np.expm1(-z) - up) * u[:-1, None] + up * u[1:, None]
+            added = (-np.expm1(-z) - up) * before[:, None] + up * u[1:, None]
         x = np.zeros((len(time), len(self.rates)))
         for k in range(len(time) - 1):
             x[k + 1] = phi[k] * x[k] + added[k]
         return x
 
-    def delayed(self, states: Float, time: Float, u: Float, hold: Hold, delay: float) -> Float:
+    def delayed(
+        self,
+        states: Float,
+        time: Float,
+        u: Float,
+        hold: Hold,
+        delay: float,
+        cooling: Float | None = None,
+    ) -> Float:
         """States as they were `delay` before each row; at rest before the first.
 
         Parameters
@@ -155,6 +172,8 @@ class RelaxationGrid:
         time, u : ndarray, shape (n_samples,)
         hold : "zero" or "first"
         delay : float [s]
+        cooling : ndarray, shape (n_samples,), optional
+            As of `states`: what is on its way decays with the rest.
 
         Returns
         -------
@@ -172,6 +191,8 @@ class RelaxationGrid:
             n = np.minimum(k + 1, len(time) - 1)
             slope = ((u[n] - u[k]) / np.where(n > k, time[n] - time[k], 1.0))[:, None]
             found[there] += slope * (since - (1 - kept) / self.rates)
+        if cooling is not None:
+            found[there] *= np.exp(cooling[k] - cooling[there])[:, None]
         return found
 
 
