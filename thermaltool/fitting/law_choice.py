@@ -27,7 +27,8 @@ from thermaltool.fitting.law_search import LawSearch
 from thermaltool.fitting.laws import LOSSES, Law
 from thermaltool.fitting.projection import GridStates
 from thermaltool.fitting.response_choice import MIN_ROWS
-from thermaltool.fitting.response_search import KindSearch
+from thermaltool.fitting.response_search import FittedKinds, KindSearch, independent_rows
+from thermaltool.fitting.sound_kinds import DECISIVE
 from thermaltool.model import Drive, relative
 from thermaltool.model.rest import rest_level
 from thermaltool.record import Record
@@ -41,8 +42,10 @@ LEVEL_QUANTILES = (0.005, 0.995)
 # Of the squared error beyond the noise, where that is larger than the noise, a nonlinearity leaves
 # at most this share. Laws that hold leave less than a tenth; what merely comes near to another
 # error of structure leaves a quarter and more, and predicts other logs no better. No output's error
-# on held-out rows may be larger by this factor [squared].
+# on held-out rows may be larger by this factor [squared], and decisively.
 MAX_LEFT_BY_LAW, MAX_WORSE = 0.15, 1.05
+# ... or comes as near to a reading's noise: a drift or the steps of a reading are more than white.
+AT_NOISE = 1.2
 
 
 def laws_of(
@@ -141,23 +144,38 @@ def explain(
     large, left, worse = [], [], []
     for before, after in zip(plain, chosen, strict=True):
         fits = []
-        for each, laws in ((before, ()), (after, effects)):
+        for each, laws in ((before, ()), (after, effects), (before, effects)):
             acting, zeroed = acting_records(records, drives, laws, comparable=True)
             own = [zeroed[d] for d in each.drives]
             task = KindSearch(acting, own, each.output, free_start, fixed, {}, each.equilibrium)
             fits.append(each.fitted(task))
-        usual, other = fits
+        usual, other, alike = fits
         if usual is None or other is None:
             return False
         noise = max(row_noise(r, before.output) for r in records) ** 2
-        size, rest = (float(np.mean(fit.residual**2)) for fit in (usual, other))
+        size, *rests = (float(np.mean(fit.residual**2)) for fit in fits if fit is not None)
         large.append(size > 2 * noise)
-        left.append(rest - noise < MAX_LEFT_BY_LAW * (size - noise))
-        worse.append(np.mean(other.held_out**2) > MAX_WORSE * np.mean(usual.held_out**2))
+        # A simpler kind that will do beside the laws leaves more than the laws do.
+        most = max(MAX_LEFT_BY_LAW * (size - noise), (AT_NOISE**2 - 1) * noise)
+        left.append(min(rests) - noise < most)
+        errors = [other, usual] if alike is None else [min(other, alike, key=_held_out), usual]
+        worse.append(_is_worse(*errors))
     explained, open_ = np.array(large) & np.array(left), np.array(large) & ~np.array(left)
     if any(isinstance(effect, LOSSES) for effect in effects) and np.any(open_):
         return False
     return bool(np.any(explained) and not np.any(worse))
+
+
+def _held_out(fit: FittedKinds) -> float:
+    """Mean square of the errors on held-out rows."""
+    return float(np.mean(fit.held_out**2))
+
+
+def _is_worse(fit: FittedKinds, other: FittedKinds) -> bool:
+    """Whether a fit predicts held-out rows decisively worse, by as many as are independent."""
+    factor = _held_out(fit) / max(_held_out(other), np.finfo(float).tiny)
+    rows = independent_rows(fit.held_out)
+    return factor > MAX_WORSE and rows * float(np.log(factor)) > DECISIVE
 
 
 def _losses(
