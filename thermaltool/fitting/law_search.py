@@ -27,6 +27,8 @@ from thermaltool.responses.modes import Float
 # A small step to both sides, from which the gain within so many of them is predicted; no squared
 # error is predicted to fall below this share.
 TRIAL_STEP, TRIAL_STEPS, LEAST_SHARE, PLACES = 0.02, 10.0, 1e-3, 201
+# Places, with both ends, from which a law that is known in one parameter is tried in another.
+FORM_PLACES = 12
 # A law takes at least this share of the squared error of some output: with less of it the error is
 # at most 3 % larger, which is not worth one.
 MIN_SHARE = 0.06
@@ -111,19 +113,25 @@ class LawSearch:
         here = self._from(known)
         if here is None:
             return []
+        for law in [form.law for form in here.forms if len(form.law.forms) > 1]:
+            here = self._best_form(here, law)
         left = [law for law in self.laws if law not in {form.law for form in here.forms}]
+        passed = list[Law]()
         while left:
             slopes = self._slopes(here, _independent(here.fits))
-            further = [
-                (each, law) for law in left if (each := self._beside(here, law, slopes)) is not None
-            ]
-            if not further:
-                break
-            # The strongest first: what comes near to it is nothing beside it.
-            before = here.fits
-            here, best = max(further, key=lambda pair: pair[0].evidence(before))
-            # What says nothing beside the others is not asked again.
-            left = [law for _, law in further if law != best]
+            further = {
+                law: each for law in left if (each := self._beside(here, law, slopes)) is not None
+            }
+            if further:
+                # The strongest first: what comes near to it is nothing beside it.
+                before = here.fits
+                best = max(further, key=lambda law: further[law].evidence(before))
+                here = further.pop(best)
+                passed += [law for law in left if law != best and law not in further]
+            # What said nothing is asked again once the laws that said something are taken.
+            left = list(further)
+            if not left:
+                left, passed = passed, []
         here = self._needed(here)
         errors = self._errors(here)
         return [
@@ -142,6 +150,29 @@ class LawSearch:
                     x.append(law.place(name, effect.parameters[name]))
         start = self._trial(tuple(forms), np.array(x))
         return None if start is None else self._moved(start)
+
+    def _best_form(self, here: _Trial, law: Law) -> _Trial:
+        """A known law in the parameter that the records want now; other kinds may want another."""
+        k = next(k for k, form in enumerate(here.forms) if form.law == law)
+        rows, best = _independent(here.fits), here
+        for name in law.forms:
+            form = LawForm(law, name)
+            if form == here.forms[k]:
+                continue
+            forms = (*here.forms[:k], form, *here.forms[k + 1 :])
+            # Beside kinds that can bend with the others a small step promises nothing.
+            low, high = law.places(name)
+            starts = [
+                self._trial(forms, np.where(np.arange(len(forms)) == k, place, here.x), here.fits)
+                for place in np.linspace(low, high, FORM_PLACES)[1:-1]
+            ]
+            sound = [each for each in starts if each is not None]
+            if not sound:
+                continue
+            there = self._moved(max(sound, key=lambda each: each.fall(here.fits, rows)))
+            if there.fall(best.fits, rows) > 0:
+                best = there
+        return best
 
     def _beside(self, here: _Trial, law: Law, slopes: Float | None) -> _Trial | None:
         """One law more, all of them where they decide together; None where it decides nothing."""
