@@ -79,7 +79,7 @@ class Radiation(Effect):
         if self.partner is not None:
             return None
         cold, rise = self._temperature(record, outputs, {} if memory is None else memory)
-        return self.parameters["rate"] * steeper(cold - KELVIN, rise)
+        return self.parameters["rate"] * radiative_excess(cold - KELVIN, rise)
 
     def plausible(self, scene: Scene) -> bool:
         if not super().plausible(scene):
@@ -110,7 +110,7 @@ class Radiation(Effect):
                     yield cls(drive, {"loss": 1.0}, partner=hot)
 
 
-def steeper(rest: float, rise: Float) -> Float:
+def radiative_excess(rest: float, rise: Float) -> Float:
     """By how much more is radiated for each kelvin than at rest, shape of `rise` [1].
 
     Parameters

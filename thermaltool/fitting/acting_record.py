@@ -3,29 +3,22 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass, field, replace
+from dataclasses import replace
 
 import numpy as np
+from scipy.ndimage import median_filter
 
-from thermaltool.effects.dynamics import from_rest
 from thermaltool.effects.effect import Effect, Float
 from thermaltool.effects.sensor_conversion import SensorConversion
 from thermaltool.model import Course, Drive, relative
 from thermaltool.model.rest import rest_level
 from thermaltool.record import Record
 
-
-@dataclass(frozen=True, repr=False)
-class ActingRecord(Record):
-    """A record in the machine's own time, of a machine that may lose its heat faster when hot.
-
-    Attributes
-    ----------
-    cooling : ndarray, shape (n,)
-        Integral of the rate by which every mode decays faster; see `Course`.
-    """
-
-    cooling: Float = field(kw_only=True)
+# The channel of a record in the machine's own time that has the integral of the rate by which every
+# mode decays faster, see `Course`; no log has a name like this.
+COOLING = "(cooling)_1"
+# An outlier among so many readings changes nothing of what is lost.
+READINGS = 3
 
 
 def acting_records(
@@ -68,16 +61,49 @@ def acting_records(
         for effect in bent:
             rest, straight = _straightened(effect, record)
             changed[effect.channel] = rest + slopes[effect.channel] * straight
-        measured = {effect.channel: from_rest(record, effect.channel) for effect in states}
         acting = record.with_columns(changed)
         if states:
+            measured = {effect.channel: _rise(record, effect.channel) for effect in states}
             course = Course.of(states, record, measured)
-            acting = ActingRecord(
-                course.clock, acting.columns, acting.segments, acting.digest, acting.name,
-                acting.at_rest, acting.origin, cooling=course.cooling,
-            )  # fmt: skip
+            acting = replace(acting.with_columns({COOLING: course.cooling}), time=course.clock)
         result.append(acting)
     return result, [replace(d, reference=0.0) if d.channel in own else d for d in drives]
+
+
+def cooling_of(record: Record) -> Float | None:
+    """Integral of the rate by which every mode decays faster, shape (n,) [1]; None for none.
+
+    Parameters
+    ----------
+    record : Record
+    """
+    return record.columns.get(COOLING)
+
+
+def longest_sustained(records: Sequence[Record]) -> float:
+    """Time constant beyond which a machine would heat itself where it loses least [s].
+
+    Parameters
+    ----------
+    records : sequence of Record
+    """
+    rates = [
+        np.diff(cooling) / np.diff(record.time)
+        for record in records
+        if (cooling := cooling_of(record)) is not None
+    ]
+    least = min((float(np.min(rate, initial=0.0)) for rate in rates), default=0.0)
+    return -1 / least if least else np.inf
+
+
+def _rise(record: Record, channel: str) -> Float:
+    """A temperature above rest, missing readings from their neighbours, without single outliers."""
+    reading = record.column(channel)
+    known = np.flatnonzero(np.isfinite(reading))
+    if not len(known):
+        return np.zeros(len(reading))
+    whole = np.interp(record.time, record.time[known], reading[known])
+    return np.asarray(median_filter(whole, READINGS, mode="nearest") - rest_level(reading, "first"))
 
 
 def _straightened(effect: SensorConversion, record: Record) -> tuple[float, Float]:

@@ -149,7 +149,7 @@ def explain(
             own = [zeroed[d] for d in each.drives]
             task = KindSearch(acting, own, each.output, free_start, fixed, {}, each.equilibrium)
             fits.append(each.fitted(task))
-        usual, other, alike = fits
+        usual, other, _ = fits
         if usual is None or other is None:
             return False
         noise = max(row_noise(r, before.output) for r in records) ** 2
@@ -158,8 +158,7 @@ def explain(
         # A simpler kind that will do beside the laws leaves more than the laws do.
         most = max(MAX_LEFT_BY_LAW * (size - noise), (AT_NOISE**2 - 1) * noise)
         left.append(min(rests) - noise < most)
-        errors = [other, usual] if alike is None else [min(other, alike, key=_held_out), usual]
-        worse.append(_is_worse(*errors))
+        worse.append(_is_worse(other, usual))
     explained, open_ = np.array(large) & np.array(left), np.array(large) & ~np.array(left)
     if any(isinstance(effect, LOSSES) for effect in effects) and np.any(open_):
         return False
@@ -207,7 +206,9 @@ def _levels(records: Sequence[Record], chosen: Sequence[ChosenKinds]) -> dict[st
     """How far each temperature among the outputs moves [K], with its sign; none that does not."""
     found = {}
     for each in chosen:
-        if is_temperature(each.output):
+        # One that a log does not have says nothing of the machine there.
+        if is_temperature(each.output) and all(np.isfinite(r.column(each.output)).any()
+                                               for r in records):  # fmt: skip
             rises = np.concatenate([from_rest(record, each.output) for record in records])
             # A few outliers are no level.
             ends = np.quantile(rises, LEVEL_QUANTILES)

@@ -57,6 +57,11 @@ class _Trial:
     x: Float
     fits: list[FittedKinds]
 
+    @property
+    def ends(self) -> Float:
+        """Where the search of every parameter ends, shape (2, parameters)."""
+        return _ends(self.forms)
+
     def fall(self, before: Sequence[FittedKinds], rows: Float) -> float:
         """Fall of the criterion of all outputs, each of so many independent rows."""
         return float(rows @ np.log(_sizes(before) / _sizes(self.fits)))
@@ -148,7 +153,8 @@ class LawSearch:
                     name = next(name for name in law.forms if name in effect.parameters)
                     forms.append(LawForm(law, name))
                     x.append(law.place(name, effect.parameters[name]))
-        start = self._trial(tuple(forms), np.array(x))
+        inside = [np.clip(v, *f.law.places(f.name)) for f, v in zip(forms, x, strict=True)]
+        start = self._trial(tuple(forms), np.array(inside))
         return None if start is None else self._moved(start)
 
     def _best_form(self, here: _Trial, law: Law) -> _Trial:
@@ -182,8 +188,8 @@ class LawSearch:
             if start is None:
                 continue
             found = self._moved(start)
-            low, high = law.places(name)
-            if min(found.x[-1] - low, high - found.x[-1]) < ERROR_STEP:
+            low, high = found.ends
+            if np.min(np.minimum(found.x - low, high - found.x)) < ERROR_STEP:
                 # At the end of what is tried the records want another law than this one.
                 continue
             evidence = found.evidence(here.fits)
@@ -215,12 +221,11 @@ class LawSearch:
         if promised[best] <= DECISIVE or np.min(sizes[best]) > 1 - MIN_SHARE:
             return None
         x = np.append(here.x - shares * places[best], places[best])
-        all_ends = np.array([each.law.places(each.name) for each in forms]).T
-        return self._trial(forms, np.clip(x, *all_ends), here.fits)
+        return self._trial(forms, np.clip(x, *_ends(forms)), here.fits)
 
     def _needed(self, here: _Trial) -> _Trial:
         """Without the laws that decide nothing once the others have moved."""
-        while len(here.forms) > 1:
+        while here.forms:
             rest = [self._without(here, k) for k in range(len(here.forms))]
             lost = [np.inf if each is None else here.evidence(each.fits) for each in rest]
             k = int(np.argmin(lost))
@@ -247,7 +252,6 @@ class LawSearch:
     def _descended(self, best: _Trial) -> _Trial:
         if not best.forms:
             return best
-        ends = np.array([form.law.places(form.name) for form in best.forms]).T
         damping, slopes = DAMPING, None
         for _ in range(MAX_STEPS):
             rows = _independent(best.fits)
@@ -257,7 +261,7 @@ class LawSearch:
                 break
             gradient, information = slopes.T @ left, slopes.T @ slopes
             damped = information + damping * np.diag(np.diag(information) + 1e-12)
-            step = np.clip(best.x - np.linalg.solve(damped, gradient), *ends) - best.x
+            step = np.clip(best.x - np.linalg.solve(damped, gradient), *best.ends) - best.x
             promised = -(2 * gradient @ step + step @ information @ step)
             if promised < LEAST_GAIN or damping > STIFFEST:
                 break
@@ -286,7 +290,10 @@ class LawSearch:
         slopes = self._slopes(here, _independent(here.fits)) if here.forms else None
         if slopes is None:
             return np.abs(here.x)
-        return np.sqrt(np.diag(np.linalg.pinv(slopes.T @ slopes)))
+        # What the records do not show is somewhere between its ends.
+        low, high = here.ends
+        known = np.diag(1 / (high - low) ** 2)
+        return np.sqrt(np.diag(np.linalg.inv(slopes.T @ slopes + known)))
 
     def _trial(
         self,
@@ -340,6 +347,11 @@ class LawSearch:
             self._settled[drive.channel] = own[drive.channel], mine
         kept_fits = [fit for fit in fits if fit is not None]
         return kept_fits if len(kept_fits) == len(fits) else None
+
+
+def _ends(forms: Sequence[LawForm]) -> Float:
+    """Where the search of every parameter ends, shape (2, parameters)."""
+    return np.array([form.law.places(form.name) for form in forms]).reshape(-1, 2).T
 
 
 def _sizes(fits: Sequence[FittedKinds]) -> Float:

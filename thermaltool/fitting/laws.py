@@ -11,7 +11,7 @@ from thermaltool.effects.drive_nonlinearity import DriveNonlinearity
 from thermaltool.effects.effect import Effect
 from thermaltool.effects.heat_capacity import HeatCapacity
 from thermaltool.effects.natural_convection import NaturalConvection
-from thermaltool.effects.radiation import Radiation, steeper
+from thermaltool.effects.radiation import Radiation, radiative_excess
 from thermaltool.effects.sensor_conversion import SensorConversion
 
 LawName = tuple[str, str]  # effect, channel
@@ -119,5 +119,5 @@ class Law:
         """The rate of a loss at one in the search [1/s]."""
         beyond = 1.0
         if self.effect is Radiation:
-            beyond = float(steeper(self.rest, np.array([self.level]))[0])
+            beyond = float(radiative_excess(self.rest, np.array([self.level]))[0])
         return LOSS_SCALE / (self.slowest * beyond)

@@ -216,7 +216,7 @@ def fit_output(
 
     duration = max(record.duration for record in records)
     period = min(record.period for record in records)
-    limits = parametrization.limits(period, duration, free_start)
+    limits = parametrization.limits(period, duration, free_start, problem.longest)
     search = StartSearch(problem, parametrization, limits)
     weights = np.ones(rows)
     triangle = problem.compress(weights)

@@ -71,7 +71,7 @@ class Parametrization:
         return sum(len(cls.gains) for cls in self.classes)
 
     def limits(
-        self, period: float, duration: float, free_start: bool = False
+        self, period: float, duration: float, free_start: bool = False, longest: float = np.inf
     ) -> tuple[Float, Float]:
         """Least and largest logarithms, each shape (searched,).
 
@@ -83,8 +83,11 @@ class Parametrization:
         period, duration : float [s]
             Shortest sample period and longest duration of the records.
         free_start : bool
+        longest : float [s]
+            See `CalibrationProblem`.
         """
-        duration = duration * (SLOWEST_FREE if free_start else SLOWEST) / SLOWEST_KNOWN
+        lag = min(duration * (SLOWEST_FREE if free_start else SLOWEST), longest)
+        duration = lag / SLOWEST_KNOWN
         boxes = [
             cls.search_box(period, duration, **fixed)[name]
             for cls, fixed in zip(self._own, self.fixed, strict=False)

@@ -21,6 +21,8 @@ MAX_REVERSAL = 0.05
 SETTLED, INSTANTS = 8.0, 60
 # What breaks on other inputs is no answer, unless nothing else comes within so much of its error.
 CANCELLING_LOSS = 2.0
+# By so much more than a machine sustains a time constant may be: there it hardly matters.
+TOO_LONG = 1.05
 # A time constant of so many of the longest record is a trend, and its gain a guess.
 MAX_SLOWEST = 2.0
 
@@ -62,7 +64,9 @@ class Soundness:
         return ""
 
 
-def impossible(drives: Sequence[Drive], output: str, responses: Sequence[Response]) -> str:
+def impossible(
+    drives: Sequence[Drive], output: str, responses: Sequence[Response], longest: float = np.inf
+) -> str:
     """Why responses are none of a machine; empty where they may be.
 
     Parameters
@@ -71,7 +75,11 @@ def impossible(drives: Sequence[Drive], output: str, responses: Sequence[Respons
     output : str
     responses : sequence of Response
         One for each drive.
+    longest : float [s]
+        See `CalibrationProblem`.
     """
+    if max(response.slowest() for response in responses) > TOO_LONG * longest:
+        return "where it is cold it would warm itself"
     for drive, response in zip(drives, responses, strict=True):
         slowest = response.slowest()
         step = response.step(slowest * np.geomspace(SETTLED / 1e4, SETTLED, INSTANTS))

@@ -17,7 +17,7 @@ from numpy.typing import NDArray
 from scipy.linalg import qr
 
 from thermaltool.errors import FitError
-from thermaltool.fitting.acting_record import ActingRecord
+from thermaltool.fitting.acting_record import cooling_of, longest_sustained
 from thermaltool.fitting.averaging import row_noise
 from thermaltool.fitting.parametrization import Parametrization
 from thermaltool.model import Drive, relative
@@ -119,6 +119,8 @@ class CalibrationProblem:
         What is known before any row: coefficients and value, in units of their error.
     noise : float [unit of the output]
         White noise of a reading; the weight of what is known beside a row.
+    longest : float [s]
+        Time constant beyond which the machine would heat itself.
     """
 
     grid: RelaxationGrid
@@ -131,6 +133,7 @@ class CalibrationProblem:
     free_start: bool
     known: Float
     noise: float
+    longest: float
 
     @staticmethod
     def assemble(
@@ -175,7 +178,7 @@ class CalibrationProblem:
         for k, record in enumerate(records):
             values = record.column(output)
             there = np.isfinite(values)
-            cooling = record.cooling if isinstance(record, ActingRecord) else None
+            cooling = cooling_of(record)
             block = np.zeros((int(there.sum()), n * inputs + decays + len(records)))
             for d, drive in enumerate(drives):
                 u = relative(record.column(drive.channel), drive.reference, drive.hold)
@@ -214,6 +217,7 @@ class CalibrationProblem:
             free_start,
             known,
             max(row_noise(record, output) for record in records) if around else 0.0,
+            longest_sustained(records),
         )
 
     def compress(self, weights: Float, noise: tuple[Float, float] | None = None) -> Triangle:

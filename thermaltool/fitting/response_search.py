@@ -198,14 +198,14 @@ class KindSearch:
         constants = tuple({k: self.fixed.get(k, v) for k, v in c.fixed.items()} for c in classes)
         return Parametrization(classes, constants, common)
 
-    def _limits(self, own: Parametrization) -> tuple[Float, Float]:
-        return own.limits(self.period, self.duration, self.free_start)
-
     def _search(
         self, data: CandidateData, kinds: Sequence[str], common: bool = False
     ) -> StartSearch:
-        own = self._parametrization(kinds, common)
-        return StartSearch(data.problem, own, self._limits(own), COARSE)
+        return self._coarse(data.problem, self._parametrization(kinds, common))
+
+    def _coarse(self, problem: CalibrationProblem, own: Parametrization) -> StartSearch:
+        limits = own.limits(self.period, self.duration, self.free_start, problem.longest)
+        return StartSearch(problem, own, limits, COARSE)
 
     @cached_property
     def _sound(self) -> NDArray[np.bool_]:
@@ -213,7 +213,7 @@ class KindSearch:
         problem = self._assemble((0.0,) * len(self.drives))
         kinds = ["rational2"] * len(self.drives)
         own = self._parametrization(kinds)
-        search = StartSearch(problem, own, self._limits(own), COARSE)
+        search = self._coarse(problem, own)
         triangle = problem.compress(np.ones(len(problem.measured)))
         starts = own.starts(self.period, self.duration)
         theta = search.best(starts, triangle, 1, _silent)[0][1]

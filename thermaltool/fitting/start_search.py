@@ -186,10 +186,11 @@ class StartSearch:
         own = self.parametrization
         gains = linear[: own.gains]
         responses = own.responses(theta, gains)
+        slowest = max(response.slowest() for response in responses)
         return Soundness(
             self.problem.cancellation(own.unit_weights(theta, self.problem.grid), gains),
-            max(response.slowest() for response in responses) / duration,
-            impossible(drives, output, responses),
+            slowest / duration,
+            impossible(drives, output, responses, self.problem.longest),
         )
 
 

@@ -6,7 +6,6 @@ from typing import Any
 
 import numpy as np
 
-from thermaltool.errors import ModelError
 from thermaltool.responses.delay import DelayedModes
 from thermaltool.responses.modes import Float, Hold, Modes
 from thermaltool.responses.propagation import propagate, propagate_double, recursion_of
@@ -14,8 +13,9 @@ from thermaltool.responses.sample_clock import clock_step
 
 # Rows whose coefficients are held at once.
 MAX_ROWS = 2**16
-# Beyond this span of Γ [1] e^Γ overflows, by which a response with a delay is followed.
-MAX_DELAYED_SPAN = 300.0
+# How far Γ [1] goes among inputs of which a response with a delay is followed by e^Γ, and farther
+# than which nothing of them is left.
+MAX_SPAN, MAX_EXPONENT = 100.0, 600.0
 
 
 def run_with_loss(modes: Modes, time: Float, u: Float, hold: Hold, cooling: Float) -> Float:
@@ -69,13 +69,23 @@ def run_with_loss(modes: Modes, time: Float, u: Float, hold: Hold, cooling: Floa
 
 
 def _weighted(modes: DelayedModes, time: Float, u: Float, hold: Hold, cooling: Float) -> Float:
-    """By e^Γ itself: what is in the dead time has had its weight when it entered."""
-    if not np.ptp(cooling) < MAX_DELAYED_SPAN:
-        raise ModelError("the loss of heat changes too much over this log beside a delay")
-    centred = cooling - (cooling.max() + cooling.min()) / 2
-    inside = np.append((centred[1:] + centred[:-1]) / 2, centred[-1])
-    weight = np.exp(inside if hold == "zero" else centred)
-    return np.asarray(modes.run(time, u * weight, hold) * np.exp(-centred))
+    """By e^Γ itself: what is in the dead time has had its weight when it entered.
+
+    Of inputs in turn between which Γ goes no farther than `MAX_SPAN`, one after another.
+    """
+    inside = np.append((cooling[1:] + cooling[:-1]) / 2, cooling[-1])
+    entered = inside if hold == "zero" else cooling
+    part = np.cumsum(np.abs(np.diff(cooling, prepend=cooling[0]))) // MAX_SPAN
+    y = np.zeros(len(u))
+    for k in np.unique(part):
+        rows = np.flatnonzero(part == k)
+        # A line to its first input begins a row before.
+        rest, own = slice(max(rows[0] - 1, 0), None), cooling[rows[0]]
+        weighted = np.zeros(len(u))
+        weighted[rows] = u[rows] * np.exp(entered[rows] - own)
+        gone = np.exp(np.clip(own - cooling[rest], -MAX_EXPONENT, MAX_EXPONENT))
+        y[rest] += modes.run(time[rest], weighted[rest], hold) * gone
+    return y
 
 
 def _different(steps: Float, step: float) -> tuple[Float, Any]:
