@@ -407,7 +407,7 @@ def test_states_of_a_grid_decay_faster_by_a_rate_that_changes():
                 one = DelayedModes(np.array([-rate_of_one + 0j]), np.array([rate_of_one + 0j]),
                                    delay=delay)  # fmt: skip
                 run = run_with_loss(one, time, u, hold, cooling)
-                # A held input of part of a sample counts as it enters, in a simulation half of it later.
+                # What is held for a part of a sample is not weighted by it in the states.
                 np.testing.assert_allclose(late[:, k], run, atol=0.02)
 
 
