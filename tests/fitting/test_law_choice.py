@@ -374,6 +374,21 @@ def test_a_loss_that_rises_with_the_temperature_is_found(loss, found):
 
 
 @pytest.mark.slow
+def test_a_weaker_drive_of_a_hot_machine_is_no_start_and_no_joint():
+    """Not all that the calibration leaves is noise, and many gains of a cause fit that, too."""
+    loss = {"emissivity": 0.8, "film": 0.0, "still": 1.8}
+    model = calibrate([rod_log(7001, **loss, watts=100.0)], ROD_PLAN)
+    logs = []
+    for seed in (7002, 7003):
+        log = rod_log(seed, **loss, watts=90.0)
+        logs.append(log.with_columns({"P_heater_W": log.columns["P_heater_W"] / 0.9}))
+    found = diagnose(model, logs[:1], validate=logs[1:])
+    assert [cause.effect.name for cause in found.causes] == ["drive_gain"]
+    assert found.causes[0].effect.parameters["gain"] == pytest.approx(0.9, abs=0.01)
+    assert not any("at rest" in note for note in found.notes)
+
+
+@pytest.mark.slow
 def test_a_loss_in_proportion_is_taken_as_it_is():
     log = rod_log(20261130, emissivity=0.0, film=10.0, still=0.0, watts=100.0)
     assert not calibrate([log], ROD_PLAN).effects

@@ -182,10 +182,15 @@ def _step(task: DiagnosisTask, search: SearchState) -> SearchState:
                 task.progress("unseen logs")
             strong = borne_out(hypothesis, strong, task.validate, task.model)
             # A start explains more than causes that do not stand: it comes before weaker causes
-            # than the strongest, and before any unknown.
+            # than the strongest, and before any unknown; but for the one that explains the most
+            # by itself, and more than the start.
             better = ranking.own_start(hypothesis.assumptions)
-            most = len(strong) if better is None else 1
-            found = _confirmed(task, search, hypothesis, ranking, strong[:most])
+            first = strong
+            if better is not None:
+                plain = max(strong, key=ranking.beyond, default=None)
+                beside = plain is not None and ranking.beyond(plain) > ranking.alone[better]
+                first = [*strong[:1], *([plain] if plain and beside else [])]
+            found = _confirmed(task, search, hypothesis, ranking, first)
             if found is not None:
                 return found
         if better is None:

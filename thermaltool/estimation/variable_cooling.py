@@ -39,6 +39,10 @@ PACE_STEP = 0.01
 MAX_EXPONENT = 100.0
 
 
+# How a calibration leaves out a law of its own.
+WITHOUT = "; calibrate --linear makes a model without"
+
+
 def cooling_effects(model: Model) -> tuple[Effect, ...]:
     """The effects by which a model's loss of heat changes.
 
@@ -67,10 +71,10 @@ def check_cooling_supported(model: Model, measured: tuple[str, ...]) -> None:
     for effect in cooling_effects(model):
         if fed:
             if not effect.needs() or any(channel in outputs for channel in effect.needs()):
-                refuse(effect, "where every drive is measured, no column tells the state")
+                refuse(effect, f"where every drive is measured, no column tells the state{WITHOUT}")
             continue
         if measured:
-            refuse(effect, f"not supported beside a measured drive ({measured[0]})")
+            refuse(effect, f"not supported beside a measured drive ({measured[0]}){WITHOUT}")
         if any(channel in drives for channel in effect.needs()):
             refuse(effect, "it counts when the drive is off, and an estimate of it never is quite")
         if any(channel in outputs for channel in effect.needs()):

@@ -226,13 +226,12 @@ class LawSearch:
     def _needed(self, here: _Trial) -> _Trial:
         """Without the laws that decide nothing once the others have moved."""
         while here.forms:
-            rest = [self._without(here, k) for k in range(len(here.forms))]
-            lost = [np.inf if each is None else here.evidence(each.fits) for each in rest]
-            k = int(np.argmin(lost))
-            least = rest[k]
-            if least is None or lost[k] > DECISIVE:
+            # The one that is nearest to nothing, over its error.
+            k = int(np.argmin(np.abs(here.x) / self._errors(here)))
+            rest = self._without(here, k)
+            if rest is None or here.evidence(rest.fits) > DECISIVE:
                 break
-            here = least
+            here = rest
         return here
 
     def _without(self, here: _Trial, k: int) -> _Trial | None:

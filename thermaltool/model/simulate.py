@@ -29,7 +29,7 @@ LAWS_OF_DRIVES = ("drive_nonlinearity", "drive_curve")
 # What changes with the state may depend on the outputs: the record is repeated until the integral
 # of the loss [1] and the machine's own time [duration] change by less than this, and at most so
 # often.
-STATE_TOLERANCE, MAX_STATE_ITERATIONS = 1e-7, 12
+STATE_TOLERANCE, MAX_STATE_ITERATIONS = 1e-7, 60
 # The same beside a model that differs little.
 NEAR_TOLERANCE = 1e-5
 # Beyond this rise of the integral of a varying loss [1] in one sample nothing is followed.
@@ -151,6 +151,11 @@ def sum_terms(
     Returns
     -------
     dict of channel to ndarray, shape (n,)
+
+    Raises
+    ------
+    ModelError
+        A loss of heat that does not settle to one course.
     """
     inputs = acting_drives(model, effects, record)
     holds = {d.channel: d.hold for d in model.drives}
@@ -181,9 +186,9 @@ def sum_terms(
     for _ in range(MAX_STATE_ITERATIONS):
         before, course = course, Course.of(states, record, outputs)
         if course.differs(before) < tolerance:
-            break
+            return outputs
         outputs = sums(course)
-    return outputs
+    raise ModelError(f"{states[0].name}: the loss of heat does not settle to one course")
 
 
 def state_rates(
