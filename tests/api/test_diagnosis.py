@@ -95,6 +95,13 @@ def test_one_log_twice_is_refused(fit: api.Calibration) -> None:
         tt.diagnose(fit, frame(1), validate=[frame(1)])
 
 
+def test_a_log_in_another_unit_is_refused_with_the_line_of_a_map(fit: api.Calibration) -> None:
+    other = frame(3)
+    other["Q_motor_W"] *= 1000.0
+    with pytest.raises(LogError, match="is this log in mW"):
+        tt.diagnose(fit, other)
+
+
 def test_records_that_were_not_read_are_told_apart_by_their_samples(fit: api.Calibration) -> None:
     first, second = (
         Record(

@@ -223,7 +223,8 @@ def diagnose(
     Raises
     ------
     LogError
-        A log that cannot be read, lacks a drive or has no output of the model; the same log twice.
+        A log that cannot be read, lacks a drive or has no output of the model, is in
+        another unit by its size; the same log twice.
     ModelError, FitError
         Nothing to judge the model by.
     UnitError
@@ -248,7 +249,8 @@ def diagnose(
     from thermaltool.diagnosis.diagnose import diagnose as run
     from thermaltool.diagnosis.limits import limits_of
     from thermaltool.diagnosis.severity import tolerances_of
-    from thermaltool.report.text import range_messages
+    from thermaltool.model.validity import unit_suspects
+    from thermaltool.report.text import range_messages, unit_message
 
     found = as_model(model)
     allowed = tolerances_of(_typed(tolerance), [output.channel for output in found.outputs])
@@ -264,6 +266,9 @@ def diagnose(
         if len(log) < MIN_ROWS:
             few = f"{counted(len(log), 'row')}: too few to judge a model by, {MIN_ROWS} at least"
             raise LogError(few, log.name)
+        # What a unit makes of a log is no cause.
+        for suspect in unit_suspects(found, log.columns):
+            raise LogError(unit_message(suspect), log.name)
         for output in found.outputs:
             if output.channel not in log.columns:
                 near = hint(output.channel, log.columns)

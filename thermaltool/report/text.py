@@ -6,7 +6,7 @@ from collections.abc import Container, Iterable, Iterator, Mapping, Sequence
 from typing import TYPE_CHECKING
 
 from thermaltool.errors import counted
-from thermaltool.model.validity import excursions, unit_suspects
+from thermaltool.model.validity import UnitSuspect, excursions, unit_suspects
 from thermaltool.record import map_line
 from thermaltool.status import PARTED
 from thermaltool.units import Hold, hold_of, parse_channel, printed, symbol
@@ -85,16 +85,21 @@ def range_messages(
     """
     suspects = unit_suspects(model, log.columns)
     for each in suspects:
-        unit = printed(parse_channel(each.channel).unit)
-        yield (
-            f"{log.name}: {each.channel}: its size is {each.logged:.4g} {unit} here, "
-            f"{each.seen:.4g} {unit} in the calibration: is this log in {printed(each.unit)}? A "
-            + map_line(each.channel, each.channel, each.unit)
-        )
+        yield f"{log.name}: {unit_message(each)}"
     asked = {each.channel for each in suspects}
     for excursion in excursions(model, log.columns, zeros):
         if excursion.channel not in asked:
             yield excursion_message(log, excursion)
+
+
+def unit_message(suspect: UnitSuspect) -> str:
+    """That a channel may be in another unit, and the line of a map that turns it."""
+    unit = printed(parse_channel(suspect.channel).unit)
+    return (
+        f"{suspect.channel}: its size is {suspect.logged:.4g} {unit} here, {suspect.seen:.4g} "
+        f"{unit} in the calibration: is this log in {printed(suspect.unit)}? A "
+        + map_line(suspect.channel, suspect.channel, suspect.unit)
+    )
 
 
 def spared_map_message(log: Log) -> str:
