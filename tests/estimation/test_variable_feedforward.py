@@ -18,7 +18,7 @@ from thermaltool.record import Record
 from thermaltool.responses.rational import rational_kind
 from thermaltool.runtime.stepper import stepper_of
 
-HEAT, FLOW, BENT = "Q_a_W", "x_flow_1", "d_z_um"
+HEAT, FLOW, HOT, BENT = "Q_a_W", "x_flow_1", "T_hot_degC", "d_z_um"
 BOTH = (HEAT, FLOW)
 TIME = 10.0 * np.arange(200)
 
@@ -48,8 +48,8 @@ def record() -> Record:
     return Record(TIME, {HEAT: heat, FLOW: flow})
 
 
-def pipeline_of(model: Model) -> EstimatorPipeline:
-    problem = DesignModel.of(model, {}, 10.0, BOTH)
+def pipeline_of(model: Model, measured: tuple[str, ...] = BOTH) -> EstimatorPipeline:
+    problem = DesignModel.of(model, {}, 10.0, measured)
     return EstimatorPipeline.of(design_estimator(model, problem).model)
 
 
@@ -82,7 +82,48 @@ def test_a_settled_machine_stays() -> None:
     assert abs(got[0]) > 1.0
 
 
-def test_a_loss_by_an_output_is_refused() -> None:
+def radiating(pace: bool = False) -> Model:
+    """A heater behind a dead time; the loss goes by a temperature that is not given out."""
+    hot = rational_kind(2, 0, False)(tau1=900.0, tau2=90.0, K1=0.6, K2=0.4, delay=25.0)
+    bent = rational_kind(2, 0, False)(tau1=900.0, tau2=300.0, K1=0.5, K2=0.2)
+    effects = [effect_class("radiation")(HOT, {"rate": 4e-4, "rest": 20.0}),
+               effect_class("natural_convection")(HOT, {"rate": 4e-4, "level": 80.0})]  # fmt: skip
+    if pace:
+        effects.append(effect_class("heat_capacity")(HOT, {"rise": 0.1, "level": 80.0}))
+    outputs = (Output(HOT, "sensor", "first", (0.0, 90.0)), Output(BENT, "deflection", "first",
+                                                                   (0.0, 60.0)))  # fmt: skip
+    return Model((Drive(HEAT, "zero", 0.0, (0.0, 100.0)),),
+                 outputs, (Term(HEAT, HOT, hot), Term(HEAT, BENT, bent)), 10.0,
+                 effects=tuple(effects))  # fmt: skip
+
+
+@pytest.mark.parametrize(("pace", "off"), [(False, 1e-6), (True, 0.002)])
+def test_a_loss_by_an_output_is_followed(pace: bool, off: float) -> None:
+    """The time of its own goes in steps, by which a course is off a little."""
+    model, log = radiating(pace), record()
+    expected = model.simulate(log)[BENT]
+    pipeline = pipeline_of(model, (HEAT,))
+    assert pipeline.estimator.estimates == (BENT,)
+    got = pipeline.run(log.time, pipeline.true_values(log.columns))[:, 0]
+    np.testing.assert_allclose(got, expected, atol=off * np.ptp(expected))
+    linear = replace(model, effects=()).simulate(log)[BENT]
+    assert np.max(np.abs(linear - expected)) > 0.03 * np.ptp(expected)
+    taken = np.column_stack(pipeline.estimator_inputs([*pipeline.true_values(log.columns).T]))
+    stepper = stepper_of(pipeline.estimator, 10.0)
+    stream = [stepper.start(taken[0].tolist())]
+    stream += [stepper.step(10_000_000_000, row.tolist()) for row in taken[1:]]
+    np.testing.assert_allclose(np.array(stream)[:, 0], got, rtol=1e-12, atol=1e-12)
+
+
+def test_a_settled_machine_stays_by_its_own_output() -> None:
+    pipeline = pipeline_of(radiating(), (HEAT,))
+    still = {HEAT: np.full(50, 60.0)}
+    got = pipeline.run(TIME[:50], pipeline.true_values(still), settled=True)[:, 0]
+    assert np.ptp(got) < 1e-6
+    assert abs(got[0]) > 1.0
+
+
+def test_a_loss_by_what_is_not_there_is_refused() -> None:
     effect = effect_class("radiation")("T_a_degC", {"rate": 1e-3, "rest": 20.0})
-    with pytest.raises(ModelError, match="no column tells the state"):
+    with pytest.raises(ModelError, match="no output tells the state"):
         pipeline_of(replace(machine(), effects=(effect,)))

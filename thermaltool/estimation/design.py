@@ -123,7 +123,9 @@ def design_estimator(
             raise ModelError(
                 f"--form {plan.form}: every drive is measured, nothing is to be estimated"
             )
-        estimator = problem.finished(Feedforward(problem.outputs))
+        estimator = problem.finished(
+            Feedforward((*problem.outputs, *problem.states), problem.states)
+        )
         document = {
             **estimator.document(),
             "plausible_change": plausible_changes(model, {}, (), problem.dt),

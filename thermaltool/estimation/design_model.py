@@ -83,6 +83,8 @@ class DesignModel:
         Columns beside the sensors; `to_sensors` and `to_outputs` are what they do there.
     losses : tuple of Effect
         By which the loss of heat changes.
+    states : tuple of str
+        Outputs by which it does, followed beside `outputs` where nothing is estimated.
     notes : tuple of str
         What a user should know of the model's effects at run time.
     """
@@ -99,6 +101,7 @@ class DesignModel:
     to_sensors: tuple[InputPath, ...] = ()
     to_outputs: tuple[InputPath, ...] = ()
     losses: tuple[Effect, ...] = ()
+    states: tuple[str, ...] = ()
     notes: tuple[str, ...] = ()
 
     @property
@@ -212,7 +215,11 @@ class DesignModel:
                 f"no sensor sees the drive {lost[0]}: it cannot be estimated; where it is "
                 f"measured: --measured {lost[0]}"
             )
-        paths = InputPaths(model, dt, given, sensors, outputs)
+        states: tuple[str, ...] = ()
+        if not drives:
+            states = tuple({e.channel: None for e in losses if e.channel not in outputs})
+            states = tuple(name for name in states if name in {o.channel for o in model.outputs})
+        paths = InputPaths(model, dt, given, sensors, (*outputs, *states))
         if not drives and not outputs:
             raise ModelError("every drive is measured, and the model has no deflection to estimate")
         if not drives and not paths.known:
@@ -273,8 +280,9 @@ class DesignModel:
             dt,
             paths.known,
             paths.to(sensors),
-            paths.to(outputs),
+            paths.to((*outputs, *states)),
             losses,
+            states,
             (*notes, *late),
         )
 

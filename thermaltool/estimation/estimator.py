@@ -388,5 +388,8 @@ def _load_form(document: dict[str, Any]) -> Estimator:
             delay,
         )
     if document["form"] == "feedforward":
-        return Feedforward(outputs)
+        states = names(document.get("states", []))
+        if states != outputs[len(outputs) - len(states) :]:
+            raise ModelError(f"states that are no outputs: {', '.join(states)}")
+        return Feedforward(outputs, states)
     raise ModelError(f"unknown form of estimator: {document['form']!r}")

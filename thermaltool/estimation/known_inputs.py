@@ -63,14 +63,23 @@ class KnownInput:
 
 @dataclass(frozen=True, eq=False)
 class Feedforward(LinearEstimator):
-    """Nothing to estimate: deflections follow from known columns alone."""
+    """Nothing to estimate: deflections follow from known columns alone.
+
+    Attributes
+    ----------
+    outputs : tuple of str
+        The deflections, then `states`.
+    states : tuple of str
+        Outputs by which the loss of heat goes, followed for that.
+    """
 
     outputs: tuple[str, ...]
+    states: tuple[str, ...] = ()
     sensors: tuple[str, ...] = ()
 
     @property
     def estimates(self) -> tuple[str, ...]:
-        """The deflections."""
+        """All outputs."""
         return self.outputs
 
     def _build(self, dt: float) -> Recursion:
@@ -79,8 +88,9 @@ class Feedforward(LinearEstimator):
 
     def document(self) -> dict[str, Any]:
         """As JSON."""
-        outputs = list(self.outputs)
-        return {"form": "feedforward", "sensors": [], "drives": [], "outputs": outputs}
+        states, outputs = list(self.states), list(self.outputs)
+        told = {"states": states} if states else {}
+        return {"form": "feedforward", "sensors": [], "drives": [], "outputs": outputs, **told}
 
 
 @dataclass(frozen=True, eq=False)

@@ -105,8 +105,9 @@ class EstimatorPipeline:
             more, taken = _known_columns(model, linear.known, len(columns))
             columns += more
             inputs += taken
-        maps = tuple(estimate_maps(model, name) for name in linear.estimates)
-        return EstimatorPipeline(_with_cooling(model, linear), tuple(columns), tuple(inputs), maps)
+        estimator = _with_cooling(model, linear)
+        maps = tuple(estimate_maps(model, name) for name in estimator.estimates)
+        return EstimatorPipeline(estimator, tuple(columns), tuple(inputs), maps)
 
     @property
     def columns(self) -> tuple[str, ...]:

@@ -17,7 +17,7 @@ import numpy as np
 from thermaltool.effects.effect import Effect, Memory
 from thermaltool.errors import FitError, ModelError
 from thermaltool.estimation.estimator import Estimator, KalmanEstimator
-from thermaltool.estimation.known_inputs import KnownInputEstimator
+from thermaltool.estimation.known_inputs import Feedforward, KnownInputEstimator
 from thermaltool.estimation.permanent_effects import (
     permanent_effects,
     refuse,
@@ -69,9 +69,12 @@ def check_cooling_supported(model: Model, measured: tuple[str, ...]) -> None:
     outputs, drives = ([each.channel for each in ends] for ends in (model.outputs, model.drives))
     fed = set(drives) <= set(measured)
     for effect in cooling_effects(model):
+        read = effect.needs()
         if fed:
-            if not effect.needs() or any(channel in outputs for channel in effect.needs()):
-                refuse(effect, f"where every drive is measured, no column tells the state{WITHOUT}")
+            if any(channel in outputs for channel in read):
+                refuse(effect, "where every drive is measured, no column tells the state")
+            if not read and effect.channel not in outputs:
+                refuse(effect, "no column and no output tells the state")
             continue
         if measured:
             refuse(effect, f"not supported beside a measured drive ({measured[0]}){WITHOUT}")
@@ -218,12 +221,40 @@ class VariableFeedforward(VariableLossEstimator):
     """Deflections of measured drives, through responses that decay faster by a state.
 
     In a sample e^(-λ dt) becomes e^(-λ dt - r dt); a held input acts, on the mean, half a sample
-    later than its first moment: as `run_with_loss`.
+    later than its first moment: as `run_with_loss`. The state is a column, or an output that
+    follows from the drives as the deflections do.
     """
 
+    @property
+    def outputs(self) -> tuple[str, ...]:
+        """Deflections: without the outputs that tell the state alone."""
+        return self.linear.outputs[: len(self.linear.outputs) - self._hidden]
+
+    @property
+    def estimates(self) -> tuple[str, ...]:
+        """The deflections."""
+        return self.outputs
+
+    @property
+    def _hidden(self) -> int:
+        linear = self.linear
+        inner = linear.inner if isinstance(linear, KnownInputEstimator) else linear
+        return len(inner.states) if isinstance(inner, Feedforward) else 0
+
+    def recursion(self, dt: float) -> Recursion:
+        """At the model's own loss.
+
+        Parameters
+        ----------
+        dt : float [s]
+        """
+        r = self.linear.recursion(dt)
+        return Recursion(r.F, r.G0, r.G1, r.C[: len(self.outputs)])
+
     def advance(self, ticks: int, x: Float, first: Float, before: Float, now: Float) -> Float:
-        exponent = self._rate(first, before) * ticks * CLOCK_STEP
-        r, kept = self.recursion(ticks * CLOCK_STEP), math.exp(-_followed(exponent))
+        rate, pace = self._rate(ticks, x, first, before)
+        exponent = _followed(rate * ticks * CLOCK_STEP)
+        r, kept = self.linear.recursion(_own_ticks(ticks, pace) * CLOCK_STEP), math.exp(-exponent)
         added = r.G0 @ (self._weights(exponent) * before) + r.G1 @ now
         return np.asarray(kept * (r.F @ x) + added)
 
@@ -237,11 +268,17 @@ class VariableFeedforward(VariableLossEstimator):
 
     def _settled(self, dt: float, readings: Float, acting: Float) -> Float:
         """The state in which `acting` leaves a machine whose loss is that of `readings`."""
-        exponent = _followed(self._rate(readings, readings) * dt)
-        r = self.recursion(dt)
-        F = math.exp(-exponent) * r.F
-        pushed = r.G0 @ (self._weights(exponent) * acting) + r.G1 @ acting
-        return np.asarray(np.linalg.solve(np.eye(len(F)) - F, pushed))
+        r, ticks = self.linear.recursion(dt), round(dt / CLOCK_STEP)
+        x = r.settled(acting)
+        for _ in range(MAX_STEADY_STATE_ITERATIONS):
+            exponent = _followed(self._rate(ticks, x, readings, readings)[0] * dt)
+            F = math.exp(-exponent) * r.F
+            pushed = r.G0 @ (self._weights(exponent) * acting) + r.G1 @ acting
+            new = np.asarray(np.linalg.solve(np.eye(len(F)) - F, pushed))
+            if np.max(np.abs(new - x)) <= STEADY_STATE_TOLERANCE * np.max(np.abs(new)):
+                return new
+            x = (x + new) / 2
+        raise ModelError("no settled state: the loss of heat depends too much on it")
 
     def _weights(self, exponent: float) -> Float:
         """What of each column that is read before a sample acts at its end."""
@@ -250,10 +287,21 @@ class VariableFeedforward(VariableLossEstimator):
         shares = [0.5 if each.hold == "zero" else 1.0 for each in known]
         return np.exp(-exponent * np.array(shares))
 
-    def _rate(self, first: Float, now: Float) -> float:
+    def _rate(self, ticks: int, x: Float, first: Float, now: Float) -> tuple[float, float]:
+        """By how much every mode decays faster [1/s], and how much faster its time goes."""
         columns = {name: np.array([first[k], now[k]]) for name, k in self._columns.items()}
+        told = self.linear.recursion(ticks * CLOCK_STEP).C @ x
+        outputs = {
+            name: np.array([0.0, y]) for name, y in zip(self.linear.outputs, told, strict=True)
+        }
         each: list[tuple[Effect, Memory]] = [(effect, None) for effect in self.losses]
-        return float(state_rates(each, Record(np.arange(2.0), columns), {})[0][-1])
+        rate, pace = state_rates(each, Record(np.arange(2.0), columns), outputs)
+        return float(rate[-1]), float(pace[-1])
+
+
+def _own_ticks(ticks: int, pace: float) -> int:
+    """Clock steps of a sample in the machine's own time, of a factor for which one is kept."""
+    return max(round(ticks * math.exp(PACE_STEP * round(math.log(pace) / PACE_STEP))), 1)
 
 
 def _followed(exponent: float) -> float:
@@ -308,8 +356,7 @@ class VariableCoolingEstimator(VariableLossEstimator):
     def advance(self, ticks: int, x: Float, first: Float, before: Float, now: Float) -> Float:
         _, _, rows = self._parts(ticks)  # type: ignore[attr-defined]
         rate, pace = self.rate(x, first, before, rows)
-        own = round(ticks * math.exp(PACE_STEP * round(math.log(pace) / PACE_STEP)))
-        r, heated, _ = self._parts(max(own, 1))  # type: ignore[attr-defined]
+        r, heated, _ = self._parts(_own_ticks(ticks, pace))  # type: ignore[attr-defined]
         exponent = _followed(rate * ticks * CLOCK_STEP)
         state: Float = self._matrix(r.F, heated, exponent) @ x + r.G0 @ before + r.G1 @ now
         return state
