@@ -82,14 +82,14 @@ def test_a_settled_machine_stays() -> None:
     assert abs(got[0]) > 1.0
 
 
-def radiating(pace: bool = False) -> Model:
+def radiating(rise: float = 0.0, delay: float = 25.0) -> Model:
     """A heater behind a dead time; the loss goes by a temperature that is not given out."""
-    hot = rational_kind(2, 0, False)(tau1=900.0, tau2=90.0, K1=0.6, K2=0.4, delay=25.0)
+    hot = rational_kind(2, 0, False)(tau1=900.0, tau2=90.0, K1=0.6, K2=0.4, delay=delay)
     bent = rational_kind(2, 0, False)(tau1=900.0, tau2=300.0, K1=0.5, K2=0.2)
     effects = [effect_class("radiation")(HOT, {"rate": 4e-4, "rest": 20.0}),
                effect_class("natural_convection")(HOT, {"rate": 4e-4, "level": 80.0})]  # fmt: skip
-    if pace:
-        effects.append(effect_class("heat_capacity")(HOT, {"rise": 0.1, "level": 80.0}))
+    if rise:
+        effects.append(effect_class("heat_capacity")(HOT, {"rise": rise, "level": 80.0}))
     outputs = (Output(HOT, "sensor", "first", (0.0, 90.0)), Output(BENT, "deflection", "first",
                                                                    (0.0, 60.0)))  # fmt: skip
     return Model((Drive(HEAT, "zero", 0.0, (0.0, 100.0)),),
@@ -97,10 +97,11 @@ def radiating(pace: bool = False) -> Model:
                  effects=tuple(effects))  # fmt: skip
 
 
-@pytest.mark.parametrize(("pace", "off"), [(False, 1e-6), (True, 0.002)])
-def test_a_loss_by_an_output_is_followed(pace: bool, off: float) -> None:
+@pytest.mark.parametrize(("rise", "delay", "off"), [(0.0, 25.0, 1e-6), (0.5, 0.0, 0.005),
+                                                    (-0.3, 0.0, 0.005)])  # fmt: skip
+def test_a_loss_by_an_output_is_followed(rise: float, delay: float, off: float) -> None:
     """The time of its own goes in steps, by which a course is off a little."""
-    model, log = radiating(pace), record()
+    model, log = radiating(rise, delay), record()
     expected = model.simulate(log)[BENT]
     pipeline = pipeline_of(model, (HEAT,))
     assert pipeline.estimator.estimates == (BENT,)
@@ -115,12 +116,21 @@ def test_a_loss_by_an_output_is_followed(pace: bool, off: float) -> None:
     np.testing.assert_allclose(np.array(stream)[:, 0], got, rtol=1e-12, atol=1e-12)
 
 
-def test_a_settled_machine_stays_by_its_own_output() -> None:
-    pipeline = pipeline_of(radiating(), (HEAT,))
-    still = {HEAT: np.full(50, 60.0)}
-    got = pipeline.run(TIME[:50], pipeline.true_values(still), settled=True)[:, 0]
-    assert np.ptp(got) < 1e-6
-    assert abs(got[0]) > 1.0
+@pytest.mark.parametrize(("rise", "delay"), [(0.0, 25.0), (0.5, 0.0), (-0.4, 0.0)])
+def test_a_settled_machine_stays_by_its_own_output(rise: float, delay: float) -> None:
+    model = radiating(rise, delay)
+    pipeline = pipeline_of(model, (HEAT,))
+    still = {HEAT: np.full(200, 60.0)}
+    got = pipeline.run(TIME, pipeline.true_values(still), settled=True)[:, 0]
+    assert np.ptp(got) < 1e-3
+    long = 10.0 * np.arange(4000)
+    step = np.where(long > 0, 60.0, 0.0)
+    assert got[0] == pytest.approx(model.simulate(Record(long, {HEAT: step}))[BENT][-1], rel=3e-3)
+
+
+def test_a_pace_beside_a_dead_time_is_refused() -> None:
+    with pytest.raises(ModelError, match="dead time of a measured drive; calibrate --linear"):
+        pipeline_of(radiating(0.1), (HEAT,))
 
 
 def test_a_loss_by_what_is_not_there_is_refused() -> None:

@@ -423,7 +423,7 @@ def test_states_of_a_grid_decay_faster_by_a_rate_that_changes():
                                    delay=delay)  # fmt: skip
                 run = run_with_loss(one, time, u, hold, cooling)
                 # What is held for a part of a sample is not weighted by it in the states.
-                np.testing.assert_allclose(late[:, k], run, atol=0.02)
+                assert np.max(np.abs(late[:, k] - run)) < 0.05 * np.max(run)
 
 
 def test_a_delayed_response_is_followed_however_far_the_loss_falls():

@@ -253,22 +253,24 @@ def diagnose(
     from thermaltool.report.text import range_messages, unit_message
 
     found = as_model(model)
-    allowed = tolerances_of(_typed(tolerance), [output.channel for output in found.outputs])
+    drives, outputs = ([each.channel for each in group] for group in (found.drives, found.outputs))
+    allowed = tolerances_of(_typed(tolerance), outputs)
 
     # Told once all logs are found fit to judge by: an error is one line.
     remarks: list[str] = []
 
     def judged(each: Data) -> Log:
         # Those of an output are found beside the model, left out and named: the cause `outliers`.
-        outputs = [output.channel for output in found.outputs]
         log = read(each, found.needs(), keep_spikes=outputs, warn=remarks.append, **reading)
         _check(log, found)
         if len(log) < MIN_ROWS:
             few = f"{counted(len(log), 'row')}: too few to judge a model by, {MIN_ROWS} at least"
             raise LogError(few, log.name)
-        # What a unit makes of a log is no cause.
+        # What a unit makes of a log is no cause. A dead probe or a drive at rest may look so, too;
+        # a drive that is a thousand times as large does not.
         for suspect in unit_suspects(found, log.columns):
-            raise LogError(unit_message(suspect), log.name)
+            if suspect.channel in drives and suspect.logged > suspect.seen:
+                raise LogError(unit_message(suspect), log.name)
         for output in found.outputs:
             if output.channel not in log.columns:
                 near = hint(output.channel, log.columns)
@@ -285,7 +287,6 @@ def diagnose(
     able = limits_of(limits, [name for log in logs for name in log.columns])
     sound = {log.digest: _without_spikes(log, found, reading)
              for log in (*logs, *unseen, *calibration)}  # fmt: skip
-    drives, outputs = ([each.channel for each in group] for group in (found.drives, found.outputs))
     changed = {digest: switches_in(log, drives, outputs) for digest, log in sound.items()}
 
     def placed(group: Sequence[Log], say: Notice) -> tuple[Log, ...]:

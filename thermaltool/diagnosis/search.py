@@ -186,10 +186,10 @@ def _step(task: DiagnosisTask, search: SearchState) -> SearchState:
             # by itself, and more than the start.
             better = ranking.own_start(hypothesis.assumptions)
             first = strong
-            if better is not None:
-                plain = max(strong, key=ranking.beyond, default=None)
-                beside = plain is not None and ranking.beyond(plain) > ranking.alone[better]
-                first = [*strong[:1], *([plain] if plain and beside else [])]
+            if better is not None and strong:
+                plain = max(strong, key=ranking.beyond)
+                beside = ranking.beyond(plain) > ranking.alone[better]
+                first = [strong[0], plain] if beside and plain is not strong[0] else strong[:1]
             found = _confirmed(task, search, hypothesis, ranking, first)
             if found is not None:
                 return found

@@ -25,6 +25,7 @@ from thermaltool.estimation.permanent_effects import (
 )
 from thermaltool.model import Model, state_rates
 from thermaltool.record import Record
+from thermaltool.responses.delay import DelayedModes
 from thermaltool.responses.modes import Float
 from thermaltool.responses.recursion import Recursion
 from thermaltool.responses.sample_clock import CLOCK_STEP
@@ -33,7 +34,7 @@ from thermaltool.responses.sample_clock import CLOCK_STEP
 # of itself, and at most so often.
 STEADY_STATE_TOLERANCE, MAX_STEADY_STATE_ITERATIONS = 1e-9, 200
 # The machine's own time goes faster by a whole number of steps of this size (as a logarithm), for
-# which recursions are kept ready: steady states do not depend on it.
+# which recursions are kept ready.
 PACE_STEP = 0.01
 # Beyond this exponent of a sample [1] the loss is not followed: e^100 is no decay.
 MAX_EXPONENT = 100.0
@@ -75,6 +76,8 @@ def check_cooling_supported(model: Model, measured: tuple[str, ...]) -> None:
                 refuse(effect, "where every drive is measured, no column tells the state")
             if not read and effect.channel not in outputs:
                 refuse(effect, "no column and no output tells the state")
+            if type(effect).pace is not Effect.pace and _are_late(model):
+                refuse(effect, f"not supported beside a dead time of a measured drive{WITHOUT}")
             continue
         if measured:
             refuse(effect, f"not supported beside a measured drive ({measured[0]}){WITHOUT}")
@@ -87,6 +90,11 @@ def check_cooling_supported(model: Model, measured: tuple[str, ...]) -> None:
         for sensor in model.sensors:
             if sensor_time_constants(model, sensor.channel):
                 refuse(effect, f"not supported beside a lag of the sensor {sensor.channel}")
+
+
+def _are_late(model: Model) -> bool:
+    """Whether a response has a dead time: what is on its way counts in samples of one length."""
+    return any(isinstance(t.response.modes(model.sample_period), DelayedModes) for t in model.terms)
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)
@@ -255,6 +263,8 @@ class VariableFeedforward(VariableLossEstimator):
         rate, pace = self._rate(ticks, x, first, before)
         exponent = _followed(rate * ticks * CLOCK_STEP)
         r, kept = self.linear.recursion(_own_ticks(ticks, pace) * CLOCK_STEP), math.exp(-exponent)
+        if len(r.F) != len(x):
+            raise other_clock(ticks)
         added = r.G0 @ (self._weights(exponent) * before) + r.G1 @ now
         return np.asarray(kept * (r.F @ x) + added)
 
@@ -268,10 +278,12 @@ class VariableFeedforward(VariableLossEstimator):
 
     def _settled(self, dt: float, readings: Float, acting: Float) -> Float:
         """The state in which `acting` leaves a machine whose loss is that of `readings`."""
-        r, ticks = self.linear.recursion(dt), round(dt / CLOCK_STEP)
-        x = r.settled(acting)
+        ticks = round(dt / CLOCK_STEP)
+        x = self.linear.recursion(dt).settled(acting)
         for _ in range(MAX_STEADY_STATE_ITERATIONS):
-            exponent = _followed(self._rate(ticks, x, readings, readings)[0] * dt)
+            rate, pace = self._rate(ticks, x, readings, readings)
+            exponent = _followed(rate * dt)
+            r = self.linear.recursion(_own_ticks(ticks, pace) * CLOCK_STEP)
             F = math.exp(-exponent) * r.F
             pushed = r.G0 @ (self._weights(exponent) * acting) + r.G1 @ acting
             new = np.asarray(np.linalg.solve(np.eye(len(F)) - F, pushed))
@@ -297,6 +309,14 @@ class VariableFeedforward(VariableLossEstimator):
         each: list[tuple[Effect, Memory]] = [(effect, None) for effect in self.losses]
         rate, pace = state_rates(each, Record(np.arange(2.0), columns), outputs)
         return float(rate[-1]), float(pace[-1])
+
+
+def other_clock(ticks: int) -> FitError:
+    """That a sample of so many clock steps keeps inputs of a dead time on another clock."""
+    return FitError(
+        f"a sample of {ticks * CLOCK_STEP:g} s: what is on its way through a dead time is kept on "
+        "another clock; design for this one (regularize --dt)"
+    )
 
 
 def _own_ticks(ticks: int, pace: float) -> int:
@@ -370,11 +390,13 @@ class VariableCoolingEstimator(VariableLossEstimator):
         return lossy
 
     def settled(self, dt: float, readings: Float) -> Float:
-        r, heated, rows = self._parts(round(dt / CLOCK_STEP))  # type: ignore[attr-defined]
-        x, pushed = r.settled(readings), (r.G0 + r.G1) @ readings
+        ticks = round(dt / CLOCK_STEP)
+        r, _, rows = self._parts(ticks)  # type: ignore[attr-defined]
+        x = r.settled(readings)
         for _ in range(MAX_STEADY_STATE_ITERATIONS):
-            exponent = self.rate(x, readings, readings, rows)[0] * dt
-            F = self._matrix(r.F, heated, exponent)
+            rate, pace = self.rate(x, readings, readings, rows)
+            r, heated, _ = self._parts(_own_ticks(ticks, pace))  # type: ignore[attr-defined]
+            F, pushed = self._matrix(r.F, heated, rate * dt), (r.G0 + r.G1) @ readings
             new: Float = np.linalg.solve(np.eye(len(F)) - F, pushed)
             if np.max(np.abs(new - x)) <= STEADY_STATE_TOLERANCE * np.max(np.abs(new)):
                 return new

@@ -189,6 +189,8 @@ class LawSearch:
                 continue
             found = self._moved(start)
             low, high = found.ends
+            # One that was there and is nothing now goes in the end.
+            low[:-1][low[:-1] == 0.0] = -np.inf
             if np.min(np.minimum(found.x - low, high - found.x)) < ERROR_STEP:
                 # At the end of what is tried the records want another law than this one.
                 continue

@@ -84,7 +84,7 @@ class Parametrization:
             Shortest sample period and longest duration of the records.
         free_start : bool
         longest : float [s]
-            See `CalibrationProblem`.
+            See `CalibrationProblem`; of lags. Of other kinds `impossible` asks it.
         """
         lag = min(duration * (SLOWEST_FREE if free_start else SLOWEST), longest)
         duration = lag / SLOWEST_KNOWN

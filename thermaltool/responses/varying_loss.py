@@ -13,9 +13,9 @@ from thermaltool.responses.sample_clock import clock_step
 
 # Rows whose coefficients are held at once.
 MAX_ROWS = 2**16
-# How far Γ [1] goes among inputs of which a response with a delay is followed by e^Γ, and farther
-# than which nothing of them is left.
-MAX_SPAN, MAX_EXPONENT = 100.0, 600.0
+# How far Γ [1] goes among inputs of which a response with a delay is followed by e^Γ, how far e^Γ
+# goes, and the exponent from which on nothing of them is left.
+MAX_SPAN, MAX_EXPONENT, GONE = 100.0, 600.0, 60.0
 
 
 def run_with_loss(modes: Modes, time: Float, u: Float, hold: Hold, cooling: Float) -> Float:
@@ -75,12 +75,16 @@ def _weighted(modes: DelayedModes, time: Float, u: Float, hold: Hold, cooling: F
     """
     inside = np.append((cooling[1:] + cooling[:-1]) / 2, cooling[-1])
     entered = inside if hold == "zero" else cooling
+    slowest = float(np.min(-modes.poles.real))
     part = np.cumsum(np.abs(np.diff(cooling, prepend=cooling[0]))) // MAX_SPAN
     y = np.zeros(len(u))
     for k in np.unique(part):
         rows = np.flatnonzero(part == k)
         # A line to its first input begins a row before.
-        rest, own = slice(max(rows[0] - 1, 0), None), cooling[rows[0]]
+        own, last = cooling[rows[0]], rows[-1]
+        decayed = slowest * (time[last:] - time[last] - modes.delay) + cooling[last:] - own
+        end = last + int(np.argmax(np.append(decayed > GONE, True)))
+        rest = slice(max(rows[0] - 1, 0), max(end, last + 1))
         weighted = np.zeros(len(u))
         weighted[rows] = u[rows] * np.exp(entered[rows] - own)
         gone = np.exp(np.clip(own - cooling[rest], -MAX_EXPONENT, MAX_EXPONENT))

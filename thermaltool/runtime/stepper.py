@@ -9,10 +9,9 @@ from typing import Any
 
 import numpy as np
 
-from thermaltool.errors import FitError
 from thermaltool.estimation.estimator import Estimator
 from thermaltool.estimation.settling_time import settling_time
-from thermaltool.estimation.variable_cooling import VariableLossEstimator
+from thermaltool.estimation.variable_cooling import VariableLossEstimator, other_clock
 from thermaltool.responses.modes import Float
 from thermaltool.responses.sample_clock import CLOCK_STEP
 
@@ -182,10 +181,7 @@ class Stepper(Steps):
             del self._matrices[next(iter(self._matrices))]
         r = self._estimator.recursion(ticks * CLOCK_STEP)
         if len(r.F) != self._states:
-            raise FitError(
-                f"a sample of {ticks * CLOCK_STEP:g} s: what is on its way through a dead time is "
-                "kept on another clock; design for this one (regularize --dt)"
-            )
+            raise other_clock(ticks)
         sample = np.hstack([r.F, r.G0, r.G1])
         matrix = self._matrices[ticks] = np.vstack([sample, r.C @ sample])
         return matrix
