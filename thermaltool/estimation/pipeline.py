@@ -28,9 +28,9 @@ from thermaltool.estimation.permanent_effects import (
 )
 from thermaltool.estimation.variable_cooling import (
     VariableCoolingEstimator,
-    VariableFeedforward,
     cooling_effects,
 )
+from thermaltool.estimation.variable_feedforward import VariableFeedforward
 from thermaltool.model import Model, away_from_rest, relative
 from thermaltool.responses.modes import Float
 

@@ -14,10 +14,10 @@ from typing import Any
 
 import numpy as np
 
-from thermaltool.effects.effect import Effect, Memory
+from thermaltool.effects.effect import Effect
 from thermaltool.errors import FitError, ModelError
 from thermaltool.estimation.estimator import Estimator, KalmanEstimator
-from thermaltool.estimation.known_inputs import Feedforward, KnownInputEstimator
+from thermaltool.estimation.known_inputs import KnownInputEstimator
 from thermaltool.estimation.permanent_effects import (
     permanent_effects,
     refuse,
@@ -224,108 +224,43 @@ class VariableLossEstimator(ABC):
         return out
 
 
-@dataclass(frozen=True, eq=False, kw_only=True)
-class VariableFeedforward(VariableLossEstimator):
-    """Deflections of measured drives, through responses that decay faster by a state.
-
-    In a sample e^(-λ dt) becomes e^(-λ dt - r dt); a held input acts, on the mean, half a sample
-    later than its first moment: as `run_with_loss`. The state is a column, or an output that
-    follows from the drives as the deflections do.
-    """
-
-    @property
-    def outputs(self) -> tuple[str, ...]:
-        """Deflections: without the outputs that tell the state alone."""
-        return self.linear.outputs[: len(self.linear.outputs) - self._hidden]
-
-    @property
-    def estimates(self) -> tuple[str, ...]:
-        """The deflections."""
-        return self.outputs
-
-    @property
-    def _hidden(self) -> int:
-        linear = self.linear
-        inner = linear.inner if isinstance(linear, KnownInputEstimator) else linear
-        return len(inner.states) if isinstance(inner, Feedforward) else 0
-
-    def recursion(self, dt: float) -> Recursion:
-        """At the model's own loss.
-
-        Parameters
-        ----------
-        dt : float [s]
-        """
-        r = self.linear.recursion(dt)
-        return Recursion(r.F, r.G0, r.G1, r.C[: len(self.outputs)])
-
-    def advance(self, ticks: int, x: Float, first: Float, before: Float, now: Float) -> Float:
-        rate, pace = self._rate(ticks, x, first, before)
-        exponent = _followed(rate * ticks * CLOCK_STEP)
-        r, kept = self.linear.recursion(_own_ticks(ticks, pace) * CLOCK_STEP), math.exp(-exponent)
-        if len(r.F) != len(x):
-            raise other_clock(ticks)
-        added = r.G0 @ (self._weights(exponent) * before) + r.G1 @ now
-        return np.asarray(kept * (r.F @ x) + added)
-
-    def settled(self, dt: float, readings: Float) -> Float:
-        return self._settled(dt, readings, readings)
-
-    def start(self, dt: float, readings: Float, settled: bool = False) -> Float:
-        if settled or not isinstance(self.linear, KnownInputEstimator):
-            return super().start(dt, readings, settled)
-        return self._settled(dt, readings, np.where(self.linear.measured, readings, 0.0))
-
-    def _settled(self, dt: float, readings: Float, acting: Float) -> Float:
-        """The state in which `acting` leaves a machine whose loss is that of `readings`."""
-        ticks = round(dt / CLOCK_STEP)
-        x = self.linear.recursion(dt).settled(acting)
-        for _ in range(MAX_STEADY_STATE_ITERATIONS):
-            rate, pace = self._rate(ticks, x, readings, readings)
-            exponent = _followed(rate * dt)
-            r = self.linear.recursion(_own_ticks(ticks, pace) * CLOCK_STEP)
-            F = math.exp(-exponent) * r.F
-            pushed = r.G0 @ (self._weights(exponent) * acting) + r.G1 @ acting
-            new = np.asarray(np.linalg.solve(np.eye(len(F)) - F, pushed))
-            if np.max(np.abs(new - x)) <= STEADY_STATE_TOLERANCE * np.max(np.abs(new)):
-                return new
-            x = (x + new) / 2
-        raise ModelError("no settled state: the loss of heat depends too much on it")
-
-    def _weights(self, exponent: float) -> Float:
-        """What of each column that is read before a sample acts at its end."""
-        linear = self.linear
-        known = linear.known if isinstance(linear, KnownInputEstimator) else ()
-        shares = [0.5 if each.hold == "zero" else 1.0 for each in known]
-        return np.exp(-exponent * np.array(shares))
-
-    def _rate(self, ticks: int, x: Float, first: Float, now: Float) -> tuple[float, float]:
-        """By how much every mode decays faster [1/s], and how much faster its time goes."""
-        columns = {name: np.array([first[k], now[k]]) for name, k in self._columns.items()}
-        told = self.linear.recursion(ticks * CLOCK_STEP).C @ x
-        outputs = {
-            name: np.array([0.0, y]) for name, y in zip(self.linear.outputs, told, strict=True)
-        }
-        each: list[tuple[Effect, Memory]] = [(effect, None) for effect in self.losses]
-        rate, pace = state_rates(each, Record(np.arange(2.0), columns), outputs)
-        return float(rate[-1]), float(pace[-1])
-
-
 def other_clock(ticks: int) -> FitError:
-    """That a sample of so many clock steps keeps inputs of a dead time on another clock."""
+    """That a sample of so many clock steps keeps inputs of a dead time on another clock.
+
+    Parameters
+    ----------
+    ticks : int
+    """
     return FitError(
         f"a sample of {ticks * CLOCK_STEP:g} s: what is on its way through a dead time is kept on "
         "another clock; design for this one (regularize --dt)"
     )
 
 
-def _own_ticks(ticks: int, pace: float) -> int:
-    """Clock steps of a sample in the machine's own time, of a factor for which one is kept."""
+def own_ticks(ticks: int, pace: float) -> int:
+    """Clock steps of a sample in the machine's own time, of a factor for which one is kept.
+
+    Parameters
+    ----------
+    ticks : int
+        Of the sample [clock steps].
+    pace : float
+        How much faster the machine's own time goes.
+    """
     return max(round(ticks * math.exp(PACE_STEP * round(math.log(pace) / PACE_STEP))), 1)
 
 
-def _followed(exponent: float) -> float:
-    """The exponent of a sample, refused where it cannot be followed (FitError)."""
+def followed(exponent: float) -> float:
+    """The exponent of a sample, refused where it cannot be followed.
+
+    Parameters
+    ----------
+    exponent : float [1]
+
+    Raises
+    ------
+    FitError
+    """
     if not abs(exponent) < MAX_EXPONENT:
         raise FitError(f"the loss of heat cannot be followed: e^{exponent:g} in a sample")
     return exponent
@@ -376,8 +311,8 @@ class VariableCoolingEstimator(VariableLossEstimator):
     def advance(self, ticks: int, x: Float, first: Float, before: Float, now: Float) -> Float:
         _, _, rows = self._parts(ticks)  # type: ignore[attr-defined]
         rate, pace = self.rate(x, first, before, rows)
-        r, heated, _ = self._parts(_own_ticks(ticks, pace))  # type: ignore[attr-defined]
-        exponent = _followed(rate * ticks * CLOCK_STEP)
+        r, heated, _ = self._parts(own_ticks(ticks, pace))  # type: ignore[attr-defined]
+        exponent = followed(rate * ticks * CLOCK_STEP)
         state: Float = self._matrix(r.F, heated, exponent) @ x + r.G0 @ before + r.G1 @ now
         return state
 
@@ -395,7 +330,7 @@ class VariableCoolingEstimator(VariableLossEstimator):
         x = r.settled(readings)
         for _ in range(MAX_STEADY_STATE_ITERATIONS):
             rate, pace = self.rate(x, readings, readings, rows)
-            r, heated, _ = self._parts(_own_ticks(ticks, pace))  # type: ignore[attr-defined]
+            r, heated, _ = self._parts(own_ticks(ticks, pace))  # type: ignore[attr-defined]
             F, pushed = self._matrix(r.F, heated, rate * dt), (r.G0 + r.G1) @ readings
             new: Float = np.linalg.solve(np.eye(len(F)) - F, pushed)
             if np.max(np.abs(new - x)) <= STEADY_STATE_TOLERANCE * np.max(np.abs(new)):
