@@ -215,10 +215,8 @@ class DesignModel:
                 f"no sensor sees the drive {lost[0]}: it cannot be estimated; where it is "
                 f"measured: --measured {lost[0]}"
             )
-        states: tuple[str, ...] = ()
-        if not drives:
-            states = tuple({e.channel: None for e in losses if e.channel not in outputs})
-            states = tuple(name for name in states if name in {o.channel for o in model.outputs})
+        by = set() if drives else {effect.channel for effect in losses}
+        states = tuple(o.channel for o in model.outputs if o.channel in by - set(outputs))
         paths = InputPaths(model, dt, given, sensors, (*outputs, *states))
         if not drives and not outputs:
             raise ModelError("every drive is measured, and the model has no deflection to estimate")

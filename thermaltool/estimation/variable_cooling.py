@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import math
 from abc import ABC, abstractmethod
+from collections.abc import Callable
 from dataclasses import dataclass, field
 from functools import lru_cache
 from typing import Any
@@ -224,6 +225,30 @@ class VariableLossEstimator(ABC):
         return out
 
 
+def steady_state(x: Float, sample: Callable[[Float], tuple[Float, Float]]) -> Float:
+    """The state that a sample leaves as it is, whose matrix depends on the state.
+
+    Parameters
+    ----------
+    x : ndarray, shape (n,)
+        Where to begin.
+    sample : callable
+        F, shape (n, n), and what is added, shape (n,), of a sample at a state.
+
+    Raises
+    ------
+    ModelError
+        There is none.
+    """
+    for _ in range(MAX_STEADY_STATE_ITERATIONS):
+        F, added = sample(x)
+        new = np.asarray(np.linalg.solve(np.eye(len(F)) - F, added), float)
+        if np.max(np.abs(new - x)) <= STEADY_STATE_TOLERANCE * np.max(np.abs(new)):
+            return new
+        x = (x + new) / 2
+    raise ModelError("no settled state: the loss of heat depends too much on it")
+
+
 def other_clock(ticks: int) -> FitError:
     """That a sample of so many clock steps keeps inputs of a dead time on another clock.
 
@@ -326,14 +351,11 @@ class VariableCoolingEstimator(VariableLossEstimator):
 
     def settled(self, dt: float, readings: Float) -> Float:
         ticks = round(dt / CLOCK_STEP)
-        r, _, rows = self._parts(ticks)  # type: ignore[attr-defined]
-        x = r.settled(readings)
-        for _ in range(MAX_STEADY_STATE_ITERATIONS):
+        whole, _, rows = self._parts(ticks)  # type: ignore[attr-defined]
+
+        def sample(x: Float) -> tuple[Float, Float]:
             rate, pace = self.rate(x, readings, readings, rows)
             r, heated, _ = self._parts(own_ticks(ticks, pace))  # type: ignore[attr-defined]
-            F, pushed = self._matrix(r.F, heated, rate * dt), (r.G0 + r.G1) @ readings
-            new: Float = np.linalg.solve(np.eye(len(F)) - F, pushed)
-            if np.max(np.abs(new - x)) <= STEADY_STATE_TOLERANCE * np.max(np.abs(new)):
-                return new
-            x = (x + new) / 2
-        raise ModelError("no settled state: the loss of heat depends too much on it")
+            return self._matrix(r.F, heated, rate * dt), (r.G0 + r.G1) @ readings
+
+        return steady_state(whole.settled(readings), sample)

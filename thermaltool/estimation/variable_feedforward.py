@@ -8,15 +8,13 @@ from dataclasses import dataclass
 import numpy as np
 
 from thermaltool.effects.effect import Effect, Memory
-from thermaltool.errors import ModelError
 from thermaltool.estimation.known_inputs import Feedforward, KnownInputEstimator
 from thermaltool.estimation.variable_cooling import (
-    MAX_STEADY_STATE_ITERATIONS,
-    STEADY_STATE_TOLERANCE,
     VariableLossEstimator,
     followed,
     other_clock,
     own_ticks,
+    steady_state,
 )
 from thermaltool.model import state_rates
 from thermaltool.record import Record
@@ -80,18 +78,15 @@ class VariableFeedforward(VariableLossEstimator):
     def _settled(self, dt: float, readings: Float, acting: Float) -> Float:
         """The state in which `acting` leaves a machine whose loss is that of `readings`."""
         ticks = round(dt / CLOCK_STEP)
-        x = self.linear.recursion(dt).settled(acting)
-        for _ in range(MAX_STEADY_STATE_ITERATIONS):
+
+        def sample(x: Float) -> tuple[Float, Float]:
             rate, pace = self._rate(ticks, x, readings, readings)
             exponent = followed(rate * dt)
             r = self.linear.recursion(own_ticks(ticks, pace) * CLOCK_STEP)
-            F = math.exp(-exponent) * r.F
             pushed = r.G0 @ (self._weights(exponent) * acting) + r.G1 @ acting
-            new = np.asarray(np.linalg.solve(np.eye(len(F)) - F, pushed))
-            if np.max(np.abs(new - x)) <= STEADY_STATE_TOLERANCE * np.max(np.abs(new)):
-                return new
-            x = (x + new) / 2
-        raise ModelError("no settled state: the loss of heat depends too much on it")
+            return math.exp(-exponent) * r.F, pushed
+
+        return steady_state(self.linear.recursion(dt).settled(acting), sample)
 
     def _weights(self, exponent: float) -> Float:
         """What of each column that is read before a sample acts at its end."""
