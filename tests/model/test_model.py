@@ -139,6 +139,9 @@ def test_a_drive_in_another_unit_is_suspected(size, moved, unit):
         ("T_a_degC", 20.0, 333.0, 60.0, "K"),  # warmer than the calibration, too
         ("T_a_degC", 20.0, 20.0, 280.0, None),  # hot, and not from the first row on
         ("T_a_degC", 20.0, 120.0, 40.0, None),
+        ("T_a_degC", 20.0, 68.0, 72.0, "degF"),
+        ("T_a_degC", 20.0, 77.0, 40.0, "degF"),  # a warmer shop, less heat
+        ("T_a_degC", 20.0, 50.0, 40.0, None),  # it may be 50 degC: the calibration has seen it
         ("T_a_degC", 20.0, 293.0, 0.04, "K"),  # no thousandth of a temperature that has a zero
         ("d_x_um", "first", 5.0, 0.035, "mm"),
         ("d_x_um", "first", 5.0, 35.0, None),
@@ -157,7 +160,7 @@ def test_an_output_in_another_unit_is_suspected(channel, offset, first, moved, u
     assert [(each.channel, each.unit) for each in found] == ([(channel, unit)] if unit else [])
     # A machine that rests moves as little by right.
     at_rest = unit_suspects(machine, {"Q_a_W": 0 * rise, channel: first + moved * rise})
-    assert [each.unit for each in at_rest] == (["K"] if unit == "K" else [])
+    assert [each.unit for each in at_rest] == ([unit] if unit in ("K", "degF") else [])
 
 
 def test_excursions():

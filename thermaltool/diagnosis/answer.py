@@ -9,10 +9,11 @@ import numpy as np
 
 from thermaltool.diagnosis.action import action_of
 from thermaltool.diagnosis.alternatives import indistinguishable, suspected
+from thermaltool.diagnosis.correction import corrected
 from thermaltool.diagnosis.evidence import STARTS
 from thermaltool.diagnosis.gain import Gain
 from thermaltool.diagnosis.hypothesis import Hypothesis
-from thermaltool.diagnosis.lasting import MIN_TIMES_ALLOWED, Recurrence, may_recur, recurrences
+from thermaltool.diagnosis.lasting import Recurrence, may_recur, recurrences
 from thermaltool.diagnosis.noisy_states import noisy_states
 from thermaltool.diagnosis.residual_budget import (
     ADEQUATE_SHARE,
@@ -29,9 +30,12 @@ from thermaltool.diagnosis.severity import (
     severity_of,
     severity_of_outliers,
 )
-from thermaltool.diagnosis.simulation import SimulatedLogs
-from thermaltool.diagnosis.starts import start_free
-from thermaltool.diagnosis.state import DiagnosisTask, SearchState, judged_by
+from thermaltool.diagnosis.state import (
+    WITHIN_CALIBRATION,
+    DiagnosisTask,
+    SearchState,
+    judged_by,
+)
 from thermaltool.diagnosis.verdict import (
     MIN_SHARE_LEFT,
     nothing_moves,
@@ -39,7 +43,7 @@ from thermaltool.diagnosis.verdict import (
     unknown_cause,
     verdict_of,
 )
-from thermaltool.diagnosis.written import WrittenStep, account, explained
+from thermaltool.diagnosis.written import account, explained
 from thermaltool.effects.effect import Effect
 from thermaltool.model import Model
 from thermaltool.units import parse_channel, printed
@@ -137,7 +141,7 @@ def answer(task: DiagnosisTask, first: Hypothesis, search: SearchState) -> Diagn
         *_between(first),
         *_resting(first),
         *_beginning(plain),
-        *_off_as_well(task, causes[: len(effects)], written.steps, noise),
+        *_off_as_well(task, causes[: len(effects)]),
     ):
         search = search.noted(note)
     alternatives: list[Alternative] = []
@@ -257,40 +261,31 @@ def _elsewhere(
     return recurrences(model, effect, others, noise, task.calibrated_misfit)
 
 
-def _off_as_well(
-    task: DiagnosisTask,
-    causes: Sequence[Cause],
-    steps: Sequence[WrittenStep],
-    noise: Mapping[str, float],
-) -> Iterator[str]:
+def _off_as_well(task: DiagnosisTask, causes: Sequence[Cause]) -> Iterator[str]:
     """A sentence on each unseen log that is wrong, where no cause is found or accidents alone.
 
-    A machine that begins as a whole warmer than its surroundings is not.
+    One is wrong where its own diagnosis would say so.
     """
     if any(cause.effect.log is None for cause in causes):
         return
     other = ", not by the same" if all(may_recur(cause.effect) for cause in causes) else ""
     as_well = f" as well{other}, and stays so" if causes else ""
     same = {each.log for cause in causes for each in cause.elsewhere}
+    known = corrected(task.model)
     for log in task.validate:
         if log.digest in same:
             continue
-        runs = SimulatedLogs(task.model, (log,), {})
-        off: dict[str, float] = {}
-        for each in steps:
-            if each.log == log.digest and each.step == 0:
-                o, error = each.output, each.agreement.rmse_zero_free
-                least = noise[o] ** 2 + task.calibrated_misfit.get(o, 0.0) ** 2
-                if error**2 > MIN_TIMES_ALLOWED * least:
-                    beside = float(np.sqrt(np.nanmean(start_free(runs, o, uniform=True)[0] ** 2)))
-                    if beside**2 > MIN_TIMES_ALLOWED * least:
-                        off[o] = min(error, beside)
+        # A machine that begins as a whole warmer than its surroundings is not wrong.
+        alone = Hypothesis.of(known, (log,), known, WITHIN_CALIBRATION | {"uniform"})
+        noise = {o: reading_noise(alone, o) for o in alone.groups}
+        _, budgets = weigh_residuals(alone, alone.with_model(task.model), noise)
+        off = {o: each for (o, _), each in budgets.items() if each.wrong}
         if off:
-            worst = max(off, key=lambda o: off[o] / noise[o])
+            worst = max(off, key=lambda o: off[o].total / off[o].white)
             unit = printed(parse_channel(worst).unit)
             yield (
                 f"{log.name or 'an unseen log'} is wrong{as_well}: {worst} is off by "
-                f"{off[worst]:.3g} {unit} RMS; diagnose it, too"
+                f"{off[worst].total:.3g} {unit} RMS; diagnose it, too"
             )
 
 

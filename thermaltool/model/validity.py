@@ -51,6 +51,8 @@ class UnitSuspect:
 # times as large or as small, while some channel at the other end of the model moves by this share
 # of its range, has that unit.
 SAME_SIZE, UNIT_STEP, MIN_MOVED = 2.0, 1000.0, 0.1
+# A log in degF has its lowest value, in degC, at that of the calibration, to this part of its range.
+SAME_BEGIN = 0.25
 # Beyond the calibrated range by more than this part of its width, a model extrapolates.
 MARGIN = 0.1
 # A first reading further from rest than this share of what the calibration has seen is no rest.
@@ -124,12 +126,12 @@ def unit_suspects(model: Model, columns: Mapping[str, Float]) -> tuple[UnitSuspe
             values = relative(columns[drive.channel], drive.reference, drive.hold)
             logged, seen = float(np.nanmax(np.abs(values))), max(map(abs, drive.range))
             found.append(thousandth(drive.channel, logged, seen))
-        found.append(_kelvins(drive.channel, there[drive.channel], drive.reference, drive.range))
+        found.append(_other_scale(drive.channel, there[drive.channel], drive.reference, drive.range))
     for output in outputs:
         if drives_move and not is_absolute(output.channel):
             logged, seen = (float(np.ptp(each)) for each in (there[output.channel], output.range))
             found.append(thousandth(output.channel, logged, seen))
-        found.append(_kelvins(output.channel, there[output.channel], output.offset, output.range))
+        found.append(_other_scale(output.channel, there[output.channel], output.offset, output.range))
     return tuple(each for each in found if each is not None)
 
 
@@ -155,16 +157,20 @@ def thousandth(channel: str, logged: float, seen: float) -> UnitSuspect | None:
     return None if unit is None else UnitSuspect(channel, unit, logged, seen)
 
 
-def _kelvins(
+def _other_scale(
     channel: str, values: Float, rest: Reference, seen: tuple[float, float]
 ) -> UnitSuspect | None:
-    """Whether a temperature counts from absolute zero: its least is near the calibration then."""
+    """Whether a temperature is as in the calibration, were it in K or in degF."""
     if rest == "first" or not is_absolute(channel):
         return None
     low, high = (rest + end for end in seen)
-    lowest, highest = float(np.min(values)), float(np.max(values))
-    nearer = lowest - high > -ABSOLUTE_ZERO / 2 and lowest + ABSOLUTE_ZERO < high + (high - low)
-    return UnitSuspect(channel, "K", highest, high) if nearer else None
+    lowest, highest, width = float(np.min(values)), float(np.max(values)), high - low
+    kelvins = lowest - high > -ABSOLUTE_ZERO / 2 and lowest + ABSOLUTE_ZERO < high + width
+    begins, ends = ((value - 32.0) / 1.8 for value in (lowest, highest))
+    as_before = abs(begins - low) < SAME_BEGIN * width and ends < high + width
+    fahrenheit = lowest > high + MARGIN * width and as_before
+    unit = "K" if kelvins else "degF" if fahrenheit else None
+    return None if unit is None else UnitSuspect(channel, unit, highest, high)
 
 
 def extrapolated(model: Model, estimates: Mapping[str, Float]) -> tuple[Excursion, ...]:
