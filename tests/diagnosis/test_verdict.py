@@ -108,6 +108,10 @@ def test_a_short_calibration_comes_before_any_cause() -> None:
     model = calibrate([log(machine(DUTY, 3)[:rows], "short", DUTY[:rows])], plan)
     found = diagnose(model, [log(machine(DUTY, 4), "long")])
     assert [cause.effect.name for cause in found.causes] == ["record_too_short"]
+    # One that goes no further than twice the calibration does not say which of the two it is.
+    found = diagnose(model, [log(machine(DUTY, 4)[:500], "as long", DUTY[:500])])
+    assert (found.verdict, found.causes) == ("cannot judge", ())
+    assert "calibrate on one that lasts three of them" in found.undecided[0]
 
 
 def says_too_short(model: Model, deflection: np.ndarray, covered: float = 1.9) -> bool:

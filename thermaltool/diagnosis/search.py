@@ -263,8 +263,25 @@ def _too_short(
     if search.causes or not uncovered(task.model) or "tight" not in hypothesis.assumptions:
         return None
     freed = hypothesis.under(released(hypothesis.assumptions), task.model).fitted()
+    return _left_open(task, search, hypothesis, freed)
+
+
+def _left_open(
+    task: DiagnosisTask, search: SearchState, hypothesis: Hypothesis, freed: Hypothesis
+) -> SearchState | None:
+    """The search where what too short a calibration leaves open explains the logs; else None.
+
+    It is a cause where they go further than the calibration; logs that do not cannot judge.
+    """
     cause = too_short(task.model, hypothesis, freed)
-    return None if cause is None else search.accepting(cause, freed)
+    if cause is None or beyond_calibration(task.model, task.logs):
+        return None if cause is None else search.accepting(cause, freed)
+    why = (
+        f"{cause.effect.channel}: the calibration covers {cause.effect.parameters['covered']:.2g} "
+        "of the slowest time constants, and what that leaves open explains this log: calibrate on "
+        "one that lasts three of them"
+    )
+    return replace(search, ended=freed, undecided=why, exhausted=True)
 
 
 def _own_change(
@@ -278,9 +295,8 @@ def _own_change(
     changed = hypothesis.under(better, task.model)
     if _is_freed(hypothesis, changed):
         changed = changed.fitted()
-        cause = too_short(task.model, hypothesis, changed)
-        if cause is not None:
-            return search.accepting(cause, changed), None
+        if (found := _left_open(task, search, hypothesis, changed)) is not None:
+            return found, None
         if beyond := beyond_calibration(task.model, task.logs):
             output, length = next(iter(beyond.items()))
             why = (
@@ -294,11 +310,11 @@ def _own_change(
         return search.noted(BEGINS_AS_A_WHOLE), changed
     # What a short calibration has not seen may pass for a start: it comes first.
     freed = hypothesis.under(released(hypothesis.assumptions), task.model).fitted()
-    cause = too_short(task.model, hypothesis, freed)
+    found = _left_open(task, search, hypothesis, freed)
     # Beside a longer calibration nothing is left of what only looked like a start.
     started = freed.evidence_of((freed.assumptions - STARTS) | {"initial"}) > DECISIVE_EVIDENCE
-    if cause is not None and not started:
-        return search.accepting(cause, freed), None
+    if found is not None and not started:
+        return found, None
     left = tuple(note for note in search.notes if note != BEGINS_AS_A_WHOLE)
     search = replace(search, notes=left)
     return search.noted("a log does not begin at rest: its start decays are fitted apart"), changed
