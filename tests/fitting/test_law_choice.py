@@ -8,6 +8,7 @@ import numpy as np
 import pytest
 from machines.foreign import PLANTS
 from machines.foreign.hide import calibration, clean_log
+from scipy.signal import lfilter
 
 from thermaltool.diagnosis.diagnose import diagnose
 from thermaltool.effects.drive_nonlinearity import DriveNonlinearity
@@ -215,10 +216,10 @@ def test_a_change_of_the_law_is_named_and_none_where_there_is_none(monkeypatch):
 WALL = ("T_hot_degC", "T_cold_degC")
 
 
-def wall_log(more, seed, noise=0.03, better=0.0):
+def wall_log(more, seed, noise=0.03, better=0.0, drift=0.0):
     """Two masses of 30 and 90 kJ/K, `more` of that for each 100 K, in steps of a second.
 
-    Between them they conduct `better` for each 100 K of their mean.
+    Between them they conduct `better` for each 100 K of their mean; readings `drift` over an hour.
     """
     generator = np.random.default_rng(seed)
     time, step = 15.0 * np.arange(1200), 1.0
@@ -237,6 +238,10 @@ def wall_log(more, seed, noise=0.03, better=0.0):
     columns = {"P_heater_W": watts}
     for name, y in zip(WALL, found.T, strict=True):
         columns[name] = 20.0 + y + noise * generator.standard_normal(len(time))
+        if drift:
+            stays = np.exp(-15.0 / 3600.0)
+            pushes = drift * np.sqrt(1 - stays**2) * generator.standard_normal(len(time))
+            columns[name] = columns[name] + lfilter([1.0], [1.0, -stays], pushes)
     return Record(time, columns, digest=f"wall {more} {seed}")
 
 
@@ -264,8 +269,10 @@ def test_a_capacity_that_rises_with_the_temperature_is_found():
 
 
 @pytest.mark.slow
-def test_a_conductivity_that_rises_with_the_temperature_bends_readings():
-    logs, unseen = [wall_log(0.0, 20261128, better=0.1)], wall_log(0.0, 20261129, better=0.1)
+@pytest.mark.parametrize(("better", "drift"), [(0.1, 0.0), (0.05, 0.03)])
+def test_a_conductivity_that_rises_with_the_temperature_bends_readings(better, drift):
+    logs = [wall_log(0.0, 20261128, better=better, drift=drift)]
+    unseen = wall_log(0.0, 20261129, better=better, drift=drift)
     model, linear = calibrate(logs, WALL_PLAN), calibrate(logs, replace(WALL_PLAN, linear=True))
     bent = {e.channel: e for e in model.effects if e.name == "sensor_conversion"}
     # The nearer to the heat the less in proportion.

@@ -44,8 +44,9 @@ LEVEL_QUANTILES = (0.005, 0.995)
 # error of structure leaves a quarter and more, and predicts other logs no better. No output's error
 # on held-out rows may be larger by this factor [squared], and decisively.
 MAX_LEFT_BY_LAW, MAX_WORSE = 0.15, 1.05
-# ... or comes as near to a reading's noise: a drift or the steps of a reading are more than white.
-AT_NOISE = 1.2
+# ... or this one, where that is as near to a reading's noise: a drift or the steps of a reading are
+# more than white.
+MAX_LEFT_AT_NOISE, AT_NOISE = 1 / 3, 1.5
 
 
 def laws_of(
@@ -156,7 +157,9 @@ def explain(
         size, *rests = (float(np.mean(fit.residual**2)) for fit in fits if fit is not None)
         large.append(size > 2 * noise)
         # A simpler kind that will do beside the laws leaves more than the laws do.
-        most = max(MAX_LEFT_BY_LAW * (size - noise), (AT_NOISE**2 - 1) * noise)
+        beyond = size - noise
+        near = min(MAX_LEFT_AT_NOISE * beyond, (AT_NOISE**2 - 1) * noise)
+        most = max(MAX_LEFT_BY_LAW * beyond, near)
         left.append(min(rests) - noise < most)
         worse.append(_is_worse(other, usual))
     explained, open_ = np.array(large) & np.array(left), np.array(large) & ~np.array(left)

@@ -51,7 +51,8 @@ class UnitSuspect:
 # times as large or as small, while some channel at the other end of the model moves by this share
 # of its range, has that unit.
 SAME_SIZE, UNIT_STEP, MIN_MOVED = 2.0, 1000.0, 0.1
-# A log in degF has its lowest value, in degC, at that of the calibration, to this part of its range.
+# A log in degF has its lowest value, in degC, near that of the calibration: to this part of the
+# range.
 SAME_BEGIN = 0.25
 # Beyond the calibrated range by more than this part of its width, a model extrapolates.
 MARGIN = 0.1
@@ -126,12 +127,13 @@ def unit_suspects(model: Model, columns: Mapping[str, Float]) -> tuple[UnitSuspe
             values = relative(columns[drive.channel], drive.reference, drive.hold)
             logged, seen = float(np.nanmax(np.abs(values))), max(map(abs, drive.range))
             found.append(thousandth(drive.channel, logged, seen))
-        found.append(_other_scale(drive.channel, there[drive.channel], drive.reference, drive.range))
+        found.append(_other_unit(drive.channel, there[drive.channel], drive.reference, drive.range))
     for output in outputs:
         if drives_move and not is_absolute(output.channel):
             logged, seen = (float(np.ptp(each)) for each in (there[output.channel], output.range))
             found.append(thousandth(output.channel, logged, seen))
-        found.append(_other_scale(output.channel, there[output.channel], output.offset, output.range))
+        values = there[output.channel]
+        found.append(_other_unit(output.channel, values, output.offset, output.range))
     return tuple(each for each in found if each is not None)
 
 
@@ -157,7 +159,7 @@ def thousandth(channel: str, logged: float, seen: float) -> UnitSuspect | None:
     return None if unit is None else UnitSuspect(channel, unit, logged, seen)
 
 
-def _other_scale(
+def _other_unit(
     channel: str, values: Float, rest: Reference, seen: tuple[float, float]
 ) -> UnitSuspect | None:
     """Whether a temperature is as in the calibration, were it in K or in degF."""
