@@ -4,6 +4,8 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, replace
+from functools import lru_cache
+from itertools import accumulate, pairwise
 from typing import Any
 
 import numpy as np
@@ -17,6 +19,8 @@ from thermaltool.responses.relaxation import RelaxationGrid
 # admit (`search_box`). Of conduction, whose slowest one comes from two parameters, the diffusivity
 # is held in its place.
 SLOWEST, SLOWEST_FREE, SLOWEST_KNOWN = 5.0, 1.0, 50.0
+# Starts whose weights are kept, each of a drive: some 10 MB.
+KEPT_STARTS = 4096
 # Over which slopes are taken, in logarithms. The weights on the grid are exact to some nine digits:
 # differences over less are rounding, and a search ends where that of the machine lets it.
 SLOPE_STEP = 1e-4
@@ -62,8 +66,8 @@ class Parametrization:
         """
         if self.common:
             return [theta] * len(self.classes)
-        lengths = [len(cls.searched) for cls in self.classes]
-        return np.split(theta, np.cumsum(lengths)[:-1])
+        ends = [0, *accumulate(len(cls.searched) for cls in self.classes)]
+        return [theta[start:stop] for start, stop in pairwise(ends)]
 
     @property
     def gains(self) -> int:
@@ -140,12 +144,21 @@ class Parametrization:
             at += len(cls.gains)
         return tuple(built)
 
-    def unit_weights(self, theta: Float, grid: RelaxationGrid) -> Float:
-        """Grid weights of each gain set to one; shape (drives · n, gains)."""
+    def unit_weights(self, theta: Float, grid: RelaxationGrid, kept: bool = False) -> Float:
+        """Grid weights of each gain set to one; shape (drives · n, gains).
+
+        Parameters
+        ----------
+        theta : ndarray, shape (searched,)
+            Logarithms.
+        grid : RelaxationGrid
+        kept : bool
+            Whether they are asked for again and again, as those of the starts of a search.
+        """
         n, at = len(grid.rates), 0
         unit = np.zeros((n * len(self.classes), self.gains))
         for k, searched in enumerate(self.split(theta)):
-            own = self._own_weights(k, searched, grid)
+            own = self._own_weights(k, searched, grid, kept)
             unit[k * n : (k + 1) * n, at : at + own.shape[1]] = own
             at += own.shape[1]
         return unit
@@ -193,17 +206,28 @@ class Parametrization:
         for slope in one.unit_slopes(theta, grid, central):
             yield np.asarray(np.kron(np.eye(len(self.classes)), slope), float)
 
-    def _own_weights(self, k: int, searched: Mapping[str, float], grid: RelaxationGrid) -> Float:
+    def _own_weights(
+        self, k: int, searched: Mapping[str, float], grid: RelaxationGrid, kept: bool = False
+    ) -> Float:
         """Grid weights of one response, each gain set to one; shape (n, gains)."""
-        cls, fixed = self.classes[k], self.fixed[k]
         # The design has the delay (`CalibrationProblem.assemble`).
-        undelayed = {**fixed, "delay": 0.0} if "delay" in fixed else fixed
-        return np.column_stack(
-            [
-                grid.weights(
-                    cls(**searched, **{other: float(other == gain) for other in cls.gains},
-                        **undelayed)
-                )
-                for gain in cls.gains
-            ]
-        )  # fmt: skip
+        fixed = {name: 0.0 if name == "delay" else value for name, value in self.fixed[k].items()}
+        weights = _kept_weights if kept else _unit_weights
+        return weights(self.classes[k], (*searched.items(), *fixed.items()), grid)
+
+
+def _unit_weights(cls: Any, values: tuple[tuple[str, float], ...], grid: RelaxationGrid) -> Float:
+    """Grid weights of a kind of response, each gain set to one; shape (n, gains)."""
+    known = dict(values)
+    return np.column_stack(
+        [
+            grid.weights(cls(**known, **{other: float(other == gain) for other in cls.gains}))
+            for gain in cls.gains
+        ]
+    )
+
+
+@lru_cache(maxsize=KEPT_STARTS)
+def _kept_weights(cls: Any, values: tuple[tuple[str, float], ...], grid: RelaxationGrid) -> Float:
+    """`_unit_weights` where a comparison comes back to them: not to be written into."""
+    return _unit_weights(cls, values, grid)

@@ -72,7 +72,7 @@ class StartSearch:
         rows = len(problem.measured)
         self.scale = float(np.std(problem.measured)) * np.sqrt(rows) or 1.0
 
-    def errors(self, theta: Float, triangle: Triangle) -> Float:
+    def errors(self, theta: Float, triangle: Triangle, kept: bool = False) -> Float:
         """Errors that depend on the rates, over the deviation of the output, shape (k,).
 
         Parameters
@@ -80,8 +80,10 @@ class StartSearch:
         theta : ndarray, shape (searched,)
             Logarithms of the rates and shapes.
         triangle : Triangle
+        kept : bool
+            See `Parametrization.unit_weights`.
         """
-        unit = self.parametrization.unit_weights(theta, self.problem.grid)
+        unit = self.parametrization.unit_weights(theta, self.problem.grid, kept)
         errors = self.problem.project(unit, triangle)[0] / self.scale
         return errors * (1 + self.parametrization.excess(theta))
 
@@ -143,7 +145,8 @@ class StartSearch:
         FitError
             None of the grid has finite errors.
         """
-        sizes = np.array([np.linalg.norm(self.errors(theta, triangle)) for theta in grid])
+        # Every fit of a kind begins with the same grid.
+        sizes = np.array([np.linalg.norm(self.errors(theta, triangle, True)) for theta in grid])
         order = [grid[k] for k in np.argsort(sizes) if np.isfinite(sizes[k])][:starts]
         if not order:
             raise FitError("no start of the search has a finite error")

@@ -67,8 +67,15 @@ class Deflection:
         t : ndarray, any shape [s]
         """
         t = np.maximum(np.asarray(t, float), 0.0)
-        first = -self.A * np.expm1(-self.a * t) - self.B * np.expm1(-self.b * t)
-        return np.asarray(first + sum(D * t * np.exp(-d * t) for D, d in self._pairs()))
+        value = np.zeros_like(t)
+        # A search asks for one gain at a time.
+        for gain, rate in ((self.A, self.a), (self.B, self.b)):
+            if gain:
+                value = value - gain * np.expm1(-rate * t)
+        for gain, rate in self._pairs():
+            if gain:
+                value = value + gain * t * np.exp(-rate * t)
+        return value
 
     def slowest(self) -> float:
         """Slowest time constant [s]."""

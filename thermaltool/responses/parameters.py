@@ -2,9 +2,8 @@
 
 from __future__ import annotations
 
+from math import inf, isfinite
 from typing import Any
-
-import numpy as np
 
 from thermaltool.errors import ModelError
 
@@ -23,9 +22,9 @@ def check_parameters(response: Any, wanted: str) -> None:
     ModelError
     """
     searched = {name: getattr(response, name) for name in response.searched}
-    gains = {name: getattr(response, name) for name in response.gains}
-    positive = all(0 < value < np.inf for value in searched.values())
+    positive = all(0 < value < inf for value in searched.values())
     if not positive or not searched.get("zeta", 0.5) < 1:
         raise ModelError(f"{response.kind} needs {wanted} ({searched})")
-    if not np.isfinite(list(gains.values())).all():
+    gains = {name: getattr(response, name) for name in response.gains}
+    if not all(map(isfinite, gains.values())):
         raise ModelError(f"{response.kind} needs finite gains ({gains})")

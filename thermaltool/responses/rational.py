@@ -117,7 +117,9 @@ class Rational:
         t = np.maximum(np.asarray(t, float) - self.delay, 0.0)
         value = self.direct * begun
         for gain, tau in self._lags():
-            value = value - gain * np.expm1(-t / tau)
+            # A search asks for one gain at a time.
+            if gain:
+                value = value - gain * np.expm1(-t / tau)
         for pole, residue in self._pairs():
             value = value + 2 * (residue / pole * np.expm1(pole * t)).real
         return np.asarray(value)

@@ -47,7 +47,7 @@ LIMIT_OF_SAMPLE, LIMIT_OF_SLOWEST = 800.0, 30000.0
 MAX_DECADES = 30
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, eq=False)
 class RelaxationGrid:
     """Exponentials on a logarithmic grid of rates, and the map from step responses to weights.
 
