@@ -31,7 +31,8 @@ def page(name: str) -> str:
 
 def index() -> str:
     rows = "\n".join(f"| [{name}]({name}.md) | {what} |" for name, what in COMMANDS.items())
-    return f"# Commands\n\n| command | what it does |\n|---|---|\n{rows}\n"
+    times = "Times among the options are in seconds, or have their unit: 30s, 10min, 8h."
+    return f"# Commands\n\n{times}\n\n| command | what it does |\n|---|---|\n{rows}\n"
 
 
 def pages() -> dict[str, str]:

@@ -114,7 +114,8 @@ class LazyGroup(click.Group):
 def group(ctx: click.Context, debug: bool, config: str | None, max_bytes: int | None) -> None:
     """From a measured log of a warming machine to a calibrated model and a compensated stream.
 
-    Logs are tables (CSV, Parquet, NDJSON) whose columns are named <quantity>_<place>_<unit>.
+    Logs are tables (CSV, Parquet, NDJSON) whose columns are named <quantity>_<place>_<unit>. Times
+    among the options are in seconds, or have their unit: 30s, 10min, 8h.
     """
     if max_bytes is not None:
         from thermaltool import sources

@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Any
 import click
 
 from thermaltool.cli import shared
-from thermaltool.cli.types import NOT_NEGATIVE, POSITIVE, PairsType
+from thermaltool.cli.types import DELAY, POSITIVE, PairsType
 
 if TYPE_CHECKING:
     from thermaltool.control.fcc import ActuatorModel
@@ -23,7 +23,7 @@ USUAL_DAMPING = 0.707
 
 # From command to reading.
 actuator_options = shared.together(
-    click.option("--delay", type=NOT_NEGATIVE, metavar="S",
+    click.option("--delay", type=DELAY, metavar="S",
                  help="Of measuring, computing and acting, low-pass aside [s]."),
     click.option("--gain", type=POSITIVE, help="Error per unit of the command.  [default: 1]"),
     click.option("--low-pass", type=PairsType("OMEGA:DAMPING", single=True),

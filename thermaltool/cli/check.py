@@ -9,7 +9,7 @@ import click
 
 from thermaltool.cli import shared
 from thermaltool.cli.messages import DID_NOT_PASS, warn
-from thermaltool.cli.types import POSITIVE
+from thermaltool.cli.types import DURATION
 
 # Columns that are left out are named, so many at most.
 MAX_NAMED = 12
@@ -31,7 +31,7 @@ MAX_NAMED = 12
 @shared.to_option
 @click.option(
     "--resample",
-    type=POSITIVE,
+    type=DURATION,
     metavar="SECONDS",
     help="Put the log that -o writes on an even clock of this period [s]; gaps stay gaps.",
 )

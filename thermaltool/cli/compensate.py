@@ -9,8 +9,8 @@ import click
 
 from thermaltool.cli import shared, streaming
 from thermaltool.cli.types import (
-    NOT_NEGATIVE,
-    POSITIVE,
+    DELAY,
+    DURATION,
     AmountType,
     IntervalType,
     SafeType,
@@ -26,7 +26,7 @@ if TYPE_CHECKING:
 @shared.model_argument
 @shared.log_argument
 @streaming.line_options
-@click.option("--period", type=POSITIVE, metavar="S",
+@click.option("--period", type=DURATION, metavar="S",
               help="Period of an input without a clock [s].")  # fmt: skip
 @click.option("--clock", type=click.Choice(["column", "arrival"]), default="column",
               help="Time from the input, or of its arrival (to 1 ms).")  # fmt: skip
@@ -34,20 +34,20 @@ if TYPE_CHECKING:
 @streaming.also_options
 @click.option("--sign", type=click.Choice(["-1", "1"]), default="-1",
               help="Setpoint over deflection: -1 for an offset that cancels it.")  # fmt: skip
-@click.option("--hold", type=POSITIVE, metavar="S",
+@click.option("--hold", type=DURATION, metavar="S",
               help="Bad readings are replaced by the last good one for this long [s]; then comes "
               "the safe setpoint.  [default: 10, at least 10 sample periods of the design]"
 )  # fmt: skip
-@click.option("--frozen-after", type=POSITIVE, metavar="S", show_default="never",
+@click.option("--frozen-after", type=DURATION, metavar="S", show_default="never",
               help="A reading identical for longer than this is bad [s]; commanded columns may "
               "stand still.")  # fmt: skip
 @click.option("--range", "ranges", type=IntervalType(channel=True), multiple=True,
               help="Readings outside are bad.  [default: calibrated range, widened by its width]"
 )  # fmt: skip
-@click.option("--max-gap", type=POSITIVE, metavar="S",
+@click.option("--max-gap", type=DURATION, metavar="S",
               help="A longer pause is reported, and counts as this long for --slew [s].  [default: "
               "as --hold, and 2 sample periods for --slew]")  # fmt: skip
-@click.option("--timeout", type=NOT_NEGATIVE, metavar="S",
+@click.option("--timeout", type=DELAY, metavar="S",
               help="Without a usable line for this long [s] the safe setpoint is written; 0 never."
               "  [default: as --hold]")  # fmt: skip
 @click.option("--limit", "limits", type=IntervalType(), default=":",

@@ -9,7 +9,7 @@ import click
 from thermaltool.cli import shared
 from thermaltool.cli.messages import warn
 from thermaltool.cli.progress import terminal_progress
-from thermaltool.cli.types import POSITIVE, Assignment, ControlType
+from thermaltool.cli.types import DURATION, POSITIVE, Assignment, ControlType
 from thermaltool.control.methods import METHODS
 from thermaltool.documents import write_json
 
@@ -38,13 +38,13 @@ from thermaltool.documents import write_json
 @click.option("--slew", type=POSITIVE, metavar="RATE",
               help="Largest rate of the setpoints [unit of the drive per s].  [default: 10]"
 )  # fmt: skip
-@click.option("--horizon", type=POSITIVE, metavar="S",
+@click.option("--horizon", type=DURATION, metavar="S",
               help="How far the heats are planned [s].  [default: the slowest time constant of "
               "the control drives]")  # fmt: skip
-@click.option("--duration", type=POSITIVE, metavar="S",
+@click.option("--duration", type=DURATION, metavar="S",
               help="How long the machine works from the first line on: the plan ends there, and "
               "holds the band over all of it [s].")  # fmt: skip
-@click.option("--lead", type=POSITIVE, metavar="S",
+@click.option("--lead", type=DURATION, metavar="S",
               help="When the inversion is at zero [s].  [default: 2 sample periods]"
 )  # fmt: skip
 @shared.output_option

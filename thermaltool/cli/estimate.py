@@ -9,7 +9,7 @@ import click
 from thermaltool.cli import shared
 from thermaltool.cli.messages import warn
 from thermaltool.cli.progress import terminal_progress
-from thermaltool.cli.types import NUMBER, POSITIVE, RateType
+from thermaltool.cli.types import DURATION, NUMBER, RateType
 from thermaltool.documents import write_json
 
 # As in estimation/deconvolution.py and parameter_rules.py, which a help text does not import.
@@ -28,7 +28,7 @@ RULES = "likelihood", "gcv", "quasi-optimality", "discrepancy", "l-curve"
 @shared.free_initial_option
 @click.option("--smooth", is_flag=True,
               help="Each estimate rests on the whole log, later readings included.")  # fmt: skip
-@click.option("--lag", type=POSITIVE, metavar="SECONDS",
+@click.option("--lag", type=DURATION, metavar="SECONDS",
               help="Each estimate rests on the readings up to so long after it [s].")  # fmt: skip
 @click.option("--walk", type=RateType(),
               help="How fast the heat changes: as this log tells it, as the design has it, or a "

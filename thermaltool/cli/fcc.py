@@ -10,6 +10,8 @@ import click
 from thermaltool.cli import shared, streaming
 from thermaltool.cli.actuator import actuator_of, actuator_options
 from thermaltool.cli.types import (
+    DELAY,
+    DURATION,
     FORGETTING,
     NOT_NEGATIVE,
     POSITIVE,
@@ -34,7 +36,7 @@ USUAL_ORDER = 20, 0
 @click.option("-C", "--column", "channel", required=True, metavar="NAME", help="Column: the error.")
 @click.option("--command", default="U_command_V", metavar="NAME",
               help="Name of the command, with its unit.")  # fmt: skip
-@click.option("--period", type=POSITIVE, required=True, metavar="S", help="Sample period [s].")
+@click.option("--period", type=DURATION, required=True, metavar="S", help="Sample period [s].")
 @actuator_options
 @click.option("--error-model", type=ErrorModelType(),
               help="Forecast directly at the horizon, or iterated from AR(P) or ARMA(P,Q)."
@@ -56,12 +58,12 @@ USUAL_ORDER = 20, 0
 @click.option("--step", type=NOT_NEGATIVE, default=0.0, help="Step of the commands; 0 for none.")
 @click.option("--safe", type=SafeType(), default="zero",
               help="Command while readings are lost, and at the end.")  # fmt: skip
-@click.option("--hold", type=POSITIVE, metavar="S",
+@click.option("--hold", type=DURATION, metavar="S",
               help="The forecast bridges bad readings for this long [s]; then comes the safe "
               "command.  [default: 20 periods]")  # fmt: skip
-@click.option("--max-gap", type=POSITIVE, metavar="S", help="A longer pause is told, and lags are "
+@click.option("--max-gap", type=DURATION, metavar="S", help="A longer pause is told, and lags are "
               "forgotten [s].  [default: 20 periods]")  # fmt: skip
-@click.option("--timeout", type=NOT_NEGATIVE, metavar="S",
+@click.option("--timeout", type=DELAY, metavar="S",
               help="Without a usable line for this long [s] the safe command is written; 0 never."
               "  [default: 20 periods, at least 0.1]")  # fmt: skip
 @click.option("--range", "bounds", type=IntervalType(), default=":",

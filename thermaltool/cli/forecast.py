@@ -9,7 +9,7 @@ import click
 
 from thermaltool.cli import shared, streaming
 from thermaltool.cli.series import outliers_option, series_options
-from thermaltool.cli.types import FORGETTING, POSITIVE, PROPER_SHARE
+from thermaltool.cli.types import DURATION, FORGETTING, PROPER_SHARE
 from thermaltool.logs.formats import FORMATS
 
 if TYPE_CHECKING:
@@ -38,7 +38,7 @@ BATCH_OPTIONS = (
 @click.option("--forgetting", type=FORGETTING, default=0.999,
               help="With --stream: weight of the past per sample; the model follows the signal."
 )  # fmt: skip
-@click.option("--timeout", type=POSITIVE, metavar="S",
+@click.option("--timeout", type=DURATION, metavar="S",
               help="With --stream: a longer silence is told [s].")  # fmt: skip
 @streaming.to_option
 @streaming.text_options

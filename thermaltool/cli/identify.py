@@ -11,8 +11,8 @@ from thermaltool.cli import shared
 from thermaltool.cli.messages import DID_NOT_PASS, command_line, warn
 from thermaltool.cli.progress import terminal_progress
 from thermaltool.cli.types import (
+    DURATION,
     MAX_TRANSFER_ORDER,
-    POSITIVE,
     PROPER_SHARE,
     DeadTime,
     InputPath,
@@ -69,7 +69,7 @@ from thermaltool.fitting.transfer.registry import MAX_MODES, STRUCTURES, describ
 @click.option("--reference", metavar="first|NUMBER",
               help="What counts as no input in the model file.  [default: first for T_..._degC, "
               "else 0]")  # fmt: skip
-@click.option("--budget", type=POSITIVE, metavar="S",
+@click.option("--budget", type=DURATION, metavar="S",
               help="Time for the choice of orders and modes; then the best so far is fitted, as at "
               "Ctrl-C [s].  [default: none]")  # fmt: skip
 @shared.span_options("Rows from", "Rows up to")

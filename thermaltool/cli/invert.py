@@ -7,7 +7,7 @@ import click
 from thermaltool.api.inputs import read_model, write_model
 from thermaltool.cli import shared
 from thermaltool.cli.messages import warn
-from thermaltool.cli.types import NUMBER, POSITIVE
+from thermaltool.cli.types import DURATION, NUMBER
 from thermaltool.documents import write_json
 
 
@@ -15,7 +15,7 @@ from thermaltool.documents import write_json
 @shared.model_argument
 @click.option(
     "--dt",
-    type=POSITIVE,
+    type=DURATION,
     metavar="SECONDS",
     help="Sample period [s].  [default: that of the model]",
 )
@@ -30,7 +30,7 @@ from thermaltool.documents import write_json
     metavar="A B C",
     help="f_R = (At + Bt²)e^(−ct).  [default: that of the model's design]",
 )
-@click.option("--filter", "filter_time", type=POSITIVE, metavar="SECONDS",
+@click.option("--filter", "filter_time", type=DURATION, metavar="SECONDS",
               help="Inverse transfer function in place of a kernel: a model file for simulate, "
               "behind a filter with this slowest lag [s].")  # fmt: skip
 @click.option("--drive", metavar="CHANNEL",

@@ -9,7 +9,7 @@ import click
 from thermaltool.cli import shared
 from thermaltool.cli.messages import warn
 from thermaltool.cli.progress import terminal_progress
-from thermaltool.cli.types import POSITIVE
+from thermaltool.cli.types import DURATION
 
 
 @click.command(
@@ -31,7 +31,7 @@ from thermaltool.cli.types import POSITIVE
 @click.option("--noise", type=click.Path(exists=True, dir_okay=False), metavar="FILE",
               help="Noise and drift of the probes from thermaltool noise, for the intervals."
 )  # fmt: skip
-@click.option("--average", type=POSITIVE, default=60.0, metavar="S",
+@click.option("--average", type=DURATION, default=60.0, metavar="S",
               help="Readings are averaged over so long [s].")  # fmt: skip
 @shared.span_options("Evaluate from", "Evaluate up to")
 @click.option("--plot", metavar="FILE", help="Figure, .png, .svg or .pdf.")

@@ -10,6 +10,7 @@ import click
 from thermaltool.cli import shared
 from thermaltool.cli.messages import DID_NOT_PASS, warn
 from thermaltool.cli.types import (
+    DURATION,
     NOT_NEGATIVE,
     POSITIVE,
     Abscissa,
@@ -30,7 +31,7 @@ METHODS = ("auto", "hyperbola", "talbot", "euler", "dehoog", "stehfest")
 @click.argument("file", type=InputPath(), required=False)
 @click.option("--times", "grid", type=TimeGrid(), metavar="START:STOP:COUNT[:log]",
               help="Grid of times [s]; log for geometric.")  # fmt: skip
-@click.option("--time", "single", type=POSITIVE, metavar="SECONDS", multiple=True,
+@click.option("--time", "single", type=DURATION, metavar="SECONDS", multiple=True,
               help="One time [s]; repeatable.")  # fmt: skip
 @click.option("--method", type=click.Choice(METHODS), default="auto",
               help="auto: hyperbola, and dehoog where its error is above --tol.")  # fmt: skip

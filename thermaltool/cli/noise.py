@@ -9,7 +9,7 @@ import click
 from thermaltool.cli import shared
 from thermaltool.cli.messages import warn
 from thermaltool.cli.progress import terminal_progress
-from thermaltool.cli.types import NUMBER
+from thermaltool.cli.types import SECONDS
 
 
 @click.command(epilog="Example: thermaltool noise idle.csv -o noise.json --plot noise.png")
@@ -19,9 +19,11 @@ from thermaltool.cli.types import NUMBER
     "--channel", "channels", multiple=True, metavar="NAME", help="Only this one; repeat for more."
 )
 @click.option(
-    "--start", type=NUMBER, metavar="SECONDS", help="Take the log from this time on as idle [s]."
+    "--start", type=SECONDS, metavar="SECONDS", help="Take the log from this time on as idle [s]."
 )
-@click.option("--stop", type=NUMBER, metavar="SECONDS", help="Take it as idle up to this time [s].")
+@click.option(
+    "--stop", type=SECONDS, metavar="SECONDS", help="Take it as idle up to this time [s]."
+)
 @click.option("--plot", metavar="FILE", help="Figure, .png, .svg or .pdf.")
 @shared.output_option
 @shared.json_option

@@ -9,7 +9,7 @@ import click
 from thermaltool.cli import shared
 from thermaltool.cli.messages import warn
 from thermaltool.cli.progress import terminal_progress
-from thermaltool.cli.types import POSITIVE
+from thermaltool.cli.types import DURATION, POSITIVE
 
 # Options that only logs take.
 _OF_LOGS = ("time_constants", "static", "noise", "start", "stop", *shared.LOG_PARAMETERS)
@@ -33,7 +33,7 @@ _OF_LOGS = ("time_constants", "static", "noise", "start", "stop", *shared.LOG_PA
               "sensors leaves unknown of the deflections (I) or of all temperatures (A), or what "
               "readings tell (D); extremes of the dominant modes near the heat (of a body).  "
               "[default: held-out; I of a body]")  # fmt: skip
-@click.option("--time-constant", "time_constants", type=POSITIVE, multiple=True, metavar="S",
+@click.option("--time-constant", "time_constants", type=DURATION, multiple=True, metavar="S",
               help="Low-pass states beside each sensor [s]; repeatable.  [default: none, one or "
               "two, whichever predicts best]")  # fmt: skip
 @click.option("--static", is_flag=True, help="No low-pass states.")

@@ -11,7 +11,7 @@ from click.core import ParameterSource
 
 from thermaltool.cli import shared
 from thermaltool.cli.progress import terminal_progress
-from thermaltool.cli.types import NOT_NEGATIVE, NUMBER, POSITIVE
+from thermaltool.cli.types import DELAY, DURATION, NOT_NEGATIVE, NUMBER, POSITIVE
 from thermaltool.plants import PLANTS, SettingError
 
 BAR, MILL, HEATED = "boring-bar", "knee-mill", "quill, c-frame"
@@ -28,20 +28,20 @@ FRAME, PAIR, CUT, JOINT = (PLANTS[name].usual for name in ("frame", "quill", BAR
               f"rows; {HEATED}: step, A, B, quick, mixed, or a log with Q_causal_W, "
               "Q_stabilization_W.")  # fmt: skip
 @click.option("--level", type=NOT_NEGATIVE, default=1.0, help="Factor on the heat [1].")
-@click.option("--start", type=NOT_NEGATIVE,
+@click.option("--start", type=DELAY,
               help=f"Idle time before the input [s].  [default: {FRAME['start']:g}; {HEATED}: "
               f"{PAIR['start']:g}]")  # fmt: skip
-@click.option("--duration", type=POSITIVE,
+@click.option("--duration", type=DURATION,
               help=f"Length, idle time included [s].  [default: {FRAME['duration']:g}; {BAR}: "
               f"{CUT['duration']:g}; {HEATED}: {PAIR['duration']:g}]")  # fmt: skip
-@click.option("--dt", type=POSITIVE,
+@click.option("--dt", type=DURATION,
               help=f"Sample period [s].  [default: {FRAME['dt']:g}; {MILL}: {JOINT['dt']:g}; "
               f"{HEATED}: {PAIR['dt']:g}]")  # fmt: skip
 @click.option("--ambient", type=NUMBER, default=20.0, help="Air temperature [degC].")
 @click.option("--seed", type=click.IntRange(min=0), default=1, help="Seed of noise and of duty.")
 @click.option("--sigma", type=NOT_NEGATIVE, default=0.02, help="White noise of temperatures [K].")
 @click.option("--drift", type=NOT_NEGATIVE, default=0.008, help="Drift of temperatures [K].")
-@click.option("--drift-time", type=POSITIVE, default=900.0, help="Time constant of drift [s].")
+@click.option("--drift-time", type=DURATION, default=900.0, help="Time constant of drift [s].")
 @click.option("--sigma-d", type=NOT_NEGATIVE, default=0.2, help="Noise of displacements [um].")
 @click.option("--load", type=NUMBER, default=0.0,
               help=f"{MILL}: force down on the end of the table [N].")  # fmt: skip

@@ -9,7 +9,7 @@ import click
 from thermaltool.cli import shared
 from thermaltool.cli.messages import command_line, warn
 from thermaltool.cli.progress import terminal_progress
-from thermaltool.cli.types import POSITIVE, InputPath
+from thermaltool.cli.types import DURATION, InputPath
 
 
 @click.command(
@@ -27,7 +27,7 @@ from thermaltool.cli.types import POSITIVE, InputPath
 @click.option("--degree", type=click.IntRange(0, 3), metavar="N",
               help="Highest power of the position, all terms kept.  [default: terms up to the "
               "second, chosen by the evidence]")  # fmt: skip
-@click.option("--time-constant", "time_constants", type=POSITIVE, multiple=True, metavar="S",
+@click.option("--time-constant", "time_constants", type=DURATION, multiple=True, metavar="S",
               help="Low-pass states beside each sensor [s]; repeatable.  [default: none, one or "
               "two, whichever predicts best; none along an axis]")  # fmt: skip
 @click.option("--static", is_flag=True, help="No low-pass states.")

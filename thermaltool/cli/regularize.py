@@ -9,7 +9,7 @@ import click
 from thermaltool.cli import shared
 from thermaltool.cli.messages import warn
 from thermaltool.cli.progress import terminal_progress
-from thermaltool.cli.types import NOT_NEGATIVE, NUMBER, POSITIVE, InputPath
+from thermaltool.cli.types import DELAY, DURATION, NUMBER, POSITIVE, InputPath
 from thermaltool.documents import write_json
 
 
@@ -29,7 +29,7 @@ from thermaltool.documents import write_json
               help="This drive is read, not estimated.  [default: all, in a model without "
               "sensor]")  # fmt: skip
 @click.option("--sensor", "sensors", multiple=True, metavar="CHANNEL", help="Use only this sensor.")
-@click.option("--dt", type=POSITIVE, metavar="SECONDS",
+@click.option("--dt", type=DURATION, metavar="SECONDS",
               help="Sample period of the estimator [s].  [default: that of the "
               "calibration]")  # fmt: skip
 @click.option("--walk", type=POSITIVE,
@@ -38,7 +38,7 @@ from thermaltool.documents import write_json
 @click.option("--criterion", type=click.Choice(["heat", "deflection", "both"]),
               help="What the design is for.  [default: deflection where the model has one, "
               "else heat]")  # fmt: skip
-@click.option("--delay", type=NOT_NEGATIVE, help="Pin the kernel form's artificial delay [s].")
+@click.option("--delay", type=DELAY, help="Pin the kernel form's artificial delay [s].")
 @click.option("--cutoff", type=POSITIVE, help="Pin the kernel form's filter [Hz].")
 @click.option("--regularization", nargs=3, type=NUMBER, metavar="A B C",
               help="Pin f_R = (At + Bt²)e^(−ct) of the kernel form "

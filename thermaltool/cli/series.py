@@ -8,7 +8,7 @@ import click
 
 from thermaltool.api.series import TRENDS
 from thermaltool.cli import shared
-from thermaltool.cli.types import POSITIVE
+from thermaltool.cli.types import DURATION
 
 column_option = click.option(
     "-C", "--column", metavar="NAME", help="The column; any name will do without --columns."
@@ -21,7 +21,7 @@ outliers_option = click.option(
 )
 period_option = click.option(
     "--period",
-    type=POSITIVE,
+    type=DURATION,
     metavar="S",
     help="Sample period [s].  [default: median step of the clock; 1 without a clock]",
 )

@@ -11,7 +11,7 @@ from typing import Any
 import click
 from click.core import ParameterSource
 
-from thermaltool.cli.types import NUMBER, POSITIVE, InputPath
+from thermaltool.cli.types import DURATION, NUMBER, SECONDS, InputPath
 from thermaltool.documents import check_folder
 from thermaltool.errors import ThermalToolError
 from thermaltool.logs.formats import FORMATS, READABLE
@@ -64,7 +64,7 @@ nan_option: Decorator = click.option(
 )
 gap_option: Decorator = click.option(
     "--max-gap",
-    type=POSITIVE,
+    type=DURATION,
     metavar="SECONDS",
     help="A pause above this splits the log into segments [s].  [default: 10 median periods]",
 )
@@ -122,8 +122,8 @@ start_state_option: Decorator = click.option(
 def span_options(start: str, stop: str) -> Decorator:
     """``--start --stop``: a stretch of a log, and what it is for."""
     return together(
-        click.option("--start", type=NUMBER, metavar="SECONDS", help=f"{start} this time on [s]."),
-        click.option("--stop", type=NUMBER, metavar="SECONDS", help=f"{stop} this time [s]."),
+        click.option("--start", type=SECONDS, metavar="SECONDS", help=f"{start} this time on [s]."),
+        click.option("--stop", type=SECONDS, metavar="SECONDS", help=f"{stop} this time [s]."),
     )
 
 

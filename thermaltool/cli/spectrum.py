@@ -9,7 +9,7 @@ import click
 from thermaltool.cli import shared
 from thermaltool.cli.messages import command_line, warn
 from thermaltool.cli.progress import terminal_progress
-from thermaltool.cli.types import NUMBER
+from thermaltool.cli.types import NUMBER, SECONDS
 
 
 @click.command(
@@ -27,7 +27,7 @@ from thermaltool.cli.types import NUMBER
               help="Input before the first row, where the log begins with the step or behind it "
               "[unit of the input].  [default: that of the first row; with --step-at 0]",
               )  # fmt: skip
-@click.option("--step-at", type=NUMBER, metavar="SECONDS",
+@click.option("--step-at", type=SECONDS, metavar="SECONDS",
               help="When the input changed to what the next row says [s].  [default: in that row]",
               )  # fmt: skip
 @click.option("--reference", metavar="first|NUMBER",

@@ -13,7 +13,7 @@ import click
 
 from thermaltool.cli import shared
 from thermaltool.cli.ends import take_signals
-from thermaltool.cli.types import POSITIVE, PositionType
+from thermaltool.cli.types import DURATION, PositionType
 from thermaltool.documents import source_name
 from thermaltool.errors import LogError, OutputError, ThermalToolError
 from thermaltool.logs.formats import FORMATS
@@ -76,9 +76,9 @@ short_options = shared.together(shared.json_lines_option, shared.quiet_option)
 checkpoint_options = shared.together(
     click.option("--checkpoint", type=click.Path(dir_okay=False), metavar="FILE",
                  help="Keep the state here; a restart goes on from it."),
-    click.option("--checkpoint-every", type=POSITIVE, metavar="S", default=10.0,
+    click.option("--checkpoint-every", type=DURATION, metavar="S", default=10.0,
                  help="Time between two states kept [s]."),
-    click.option("--checkpoint-max-age", type=POSITIVE, metavar="S", default=3600.0,
+    click.option("--checkpoint-max-age", type=DURATION, metavar="S", default=3600.0,
                  help="An older state is not gone on from [s]."),
 )  # fmt: skip
 
@@ -90,7 +90,7 @@ also_options = shared.together(
                  "lines rest on: ok, settles, held, reduced, safe, extrapolates, resumed, parted, "
                  "saturated, fault, old-plan; standard errors sigma_..., and the alarm, whether "
                  "model and machine have parted: quiet, parted, untested, not possible."),
-    click.option("--lag", type=POSITIVE, metavar="S",
+    click.option("--lag", type=DURATION, metavar="S",
                  help="Add columns late_...: estimates of so long ago [s], which have seen the "
                  "readings since; 0 until there are any."),
 )  # fmt: skip
@@ -100,7 +100,7 @@ heater_options = shared.together(
                  help="Set this drive, a heater, in place of offsets."),
     click.option("--target", metavar="OUTPUT",
                  help="What the heater holds at zero.  [default: the only deflection]"),
-    click.option("--lead", type=POSITIVE, metavar="S", help="How far it is foretold for the "
+    click.option("--lead", type=DURATION, metavar="S", help="How far it is foretold for the "
                  "heater, beyond its delay [s].  [default: 2 sample periods]"),
 )  # fmt: skip
 

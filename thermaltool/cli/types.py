@@ -10,6 +10,8 @@ from typing import Any
 
 import click
 
+from thermaltool.units import UNITS
+
 # From the tenth order on the search leaves the range of numbers (--continuous first).
 MAX_TRANSFER_ORDER = 9
 # As far as `order` goes.
@@ -50,8 +52,36 @@ class NumberRange(click.FloatRange):
         return _finite(super().convert(value, param, ctx), value, self, param, ctx)
 
 
-NUMBER = Number()
+def _seconds(kind: click.ParamType, value: Any, *place: Any) -> Any:
+    """A time that is typed with its unit, in seconds; anything else as it is."""
+    found = re.fullmatch(r"\s*(\S*\d\.?)\s*([a-zA-Zµ]+)\s*", str(value))
+    if found is None:
+        return value
+    dimension, factor = UNITS.get(found[2], ("", 0.0))
+    if dimension != "time":
+        kind.fail(f"{value!r} is not a time, like 30s, 10min or 8h", *place)
+    return NUMBER.convert(found[1], *place) * factor
+
+
+class Seconds(Number):
+    """A time in seconds, or with its unit: ``30s``, ``10min``, ``8h``."""
+
+    def convert(self, value: Any, param: click.Parameter | None, ctx: click.Context | None) -> Any:
+        """In seconds."""
+        return super().convert(_seconds(self, value, param, ctx), param, ctx)
+
+
+class SecondsRange(NumberRange):
+    """A time within bounds [s], typed as `Seconds`."""
+
+    def convert(self, value: Any, param: click.Parameter | None, ctx: click.Context | None) -> Any:
+        """In seconds."""
+        return super().convert(_seconds(self, value, param, ctx), param, ctx)
+
+
+NUMBER, SECONDS = Number(), Seconds()
 POSITIVE, NOT_NEGATIVE = NumberRange(min=0, min_open=True), NumberRange(min=0)
+DURATION, DELAY = SecondsRange(min=0, min_open=True), SecondsRange(min=0)
 # A part of a whole, neither nothing nor all of it; and a weight of the past, which may be all.
 PROPER_SHARE = NumberRange(min=0, max=1, min_open=True, max_open=True)
 FORGETTING = NumberRange(min=0, max=1, min_open=True)
@@ -309,7 +339,7 @@ class DeadTime(Parsed):
     def parse(self, text: str) -> float | str:
         if text == "auto":
             return text
-        seconds: float = NUMBER.convert(text, None, None)
+        seconds: float = SECONDS.convert(text, None, None)
         if seconds < 0:
             raise ValueRefusedError(" is below 0")
         return seconds
