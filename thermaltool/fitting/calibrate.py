@@ -23,6 +23,7 @@ from thermaltool.fitting.kind_candidate import (
     is_as_good,
     near_weights,
     of_one_body,
+    with_kept,
 )
 from thermaltool.fitting.law_choice import explain, laws_of
 from thermaltool.fitting.laws import LOSSES
@@ -101,8 +102,11 @@ def calibrate(
             break
         acting, zeroed = acting_records(records, drives, found)
         with_laws = _fitted(acting, plan, zeroed, progress, between)
-        if explain(records, drives, plain, with_laws[2], found, plan.fixed, plan.free_start):
+        kept = explain(records, drives, plain, with_laws[2], found, plan.fixed, plan.free_start)
+        if kept is not None:
             effects = found
+            if kept:
+                with_laws = _fitted(acting, plan, zeroed, progress, between, kept)
             outputs, terms, kinds = with_laws
             turn -= 1
         elif losses and not effects and any(isinstance(each, LOSSES) for each in found):
@@ -141,8 +145,9 @@ def _fitted(
     drives: Sequence[Drive],
     progress: Callable[[str], None],
     between: Sequence[str] = (),
+    kept: Sequence[ChosenKinds] = (),
 ) -> tuple[list[Output], list[Term], list[ChosenKinds]]:
-    """Every output, what drives it, and the kinds of response that were chosen."""
+    """Every output, what drives it, and the kinds of response that were chosen, or are kept."""
     outputs: list[Output] = []
     terms: list[Term] = []
     chosen: list[ChosenKinds] = []
@@ -168,7 +173,11 @@ def _fitted(
             free = choice(*named[k], equilibrium=False)
             noise = max(reading_sigma(record.column(named[k][0])) for record in records)
             choices[k] = free if is_as_good(free, choices[k], noise) else choices[k]
-    choices = of_one_body(choices)
+    before = {each.output: each.of_all(len(drives)) for each in kept}
+    choices = [
+        with_kept(each, *before[channel]) if channel in before else each
+        for (channel, _), each in zip(named, of_one_body(choices), strict=True)
+    ]
     for (channel, role, kind), tried in zip(plan.outputs(), choices, strict=True):
         say = partial(_say, progress, channel)
         kinds = [kind] * len(drives)

@@ -12,6 +12,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
+from thermaltool.fitting.kind_candidate import LEFT_OUT
 from thermaltool.fitting.projection import GridStates
 from thermaltool.fitting.response_search import FittedKinds, KindSearch
 from thermaltool.fitting.sound_kinds import DECISIVE
@@ -46,6 +47,18 @@ class ChosenKinds:
     delays: tuple[float, ...]
     equilibrium: bool = False
     common: bool = False
+
+    def of_all(self, drives: int) -> tuple[list[str], list[float], bool]:
+        """Kinds and delays of all drives of the calibration, and whether they share their rates.
+
+        Parameters
+        ----------
+        drives : int
+            Their number.
+        """
+        own = dict(zip(self.drives, zip(self.kinds, self.delays, strict=True), strict=True))
+        every = [own.get(k, (LEFT_OUT, 0.0)) for k in range(drives)]
+        return [kind for kind, _ in every], [delay for _, delay in every], self.common
 
     def fitted(self, task: KindSearch, near: Float | None = None) -> FittedKinds | None:
         """These kinds fitted to all rows; None where they cannot be.

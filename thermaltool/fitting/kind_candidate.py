@@ -26,6 +26,8 @@ WHY_ALONE = "chosen: no other is as good"
 WHY_SIMPLEST = "chosen: the fewest parameters among those that are as good"
 WHY_FEWEST = "chosen: the fewest time constants among those that are as good"
 WHY_ALIKE = "chosen: as good, and another output needs it"
+WORSE_UNSEEN = "predicts held-out rows worse"
+WHY_KEPT = "chosen: what else is sound predicts held-out rows worse"
 MORE_PARAMETERS = "more parameters"
 MORE_TIME_CONSTANTS = "more time constants"
 
@@ -110,6 +112,34 @@ def complexity(kinds: Sequence[str], theta: Float | None, parameters: int) -> tu
     parameters : int
     """
     return 0 if theta is None or len(kinds) < 2 else len(theta), parameters
+
+
+def with_kept(
+    found: Sequence[KindCandidate], kinds: Sequence[str], delays: Sequence[float], common: bool
+) -> tuple[KindCandidate, ...]:
+    """The same with some kinds as the chosen ones; as it is where they were not tried.
+
+    Parameters
+    ----------
+    found : sequence of KindCandidate
+    kinds, delays
+        Of every drive; where there is a delay it may be another one now.
+    common : bool
+    """
+
+    def form(kinds: Sequence[str], delays: Sequence[float], common: bool) -> tuple[object, ...]:
+        return (*kinds, *(delay > 0 for delay in delays), common)
+
+    own = form(kinds, delays, common)
+    same = [form(each.kinds, each.delays, each.common) == own for each in found]
+    if not any(same):
+        return tuple(found)
+    return tuple(
+        replace(each, chosen=True, note=WHY_KEPT)
+        if is_kept
+        else replace(each, chosen=False, note=WORSE_UNSEEN if each.chosen else each.note)
+        for each, is_kept in zip(found, same, strict=True)
+    )
 
 
 def is_as_good(

@@ -126,11 +126,13 @@ def explain(
     effects: Sequence[Effect],
     fixed: Mapping[str, float],
     free_start: bool,
-) -> bool:
-    """Whether laws leave little beyond the noise, and predict held-out rows no worse.
+) -> tuple[ChosenKinds, ...] | None:
+    """Kinds that are kept beside laws; None where the laws leave much, or predict rows worse.
 
-    Of some output, for another may have another error. Of all of them where the machine loses more
-    heat when hot: what one place loses, a loss everywhere and a curve of the drive explain in part.
+    They leave little beyond the noise of some output, for another may have another error. Of all of
+    them where the machine loses more heat when hot: what one place loses, a loss everywhere and a
+    curve of the drive explain in part. Kinds are chosen anew beside laws; those from before are
+    kept where the new ones predict held-out rows decisively worse: it is not the laws that do.
 
     Parameters
     ----------
@@ -141,8 +143,13 @@ def explain(
     effects : sequence of Effect
     fixed, free_start
         As for `laws_of`.
+
+    Returns
+    -------
+    tuple of ChosenKinds or None
+        Of `plain`, those that are kept.
     """
-    large, left, worse = [], [], []
+    large, left, worse, kept = [], [], [], list[ChosenKinds]()
     for before, after in zip(plain, chosen, strict=True):
         fits = []
         for each, laws in ((before, ()), (after, effects), (before, effects)):
@@ -150,9 +157,9 @@ def explain(
             own = [zeroed[d] for d in each.drives]
             task = KindSearch(acting, own, each.output, free_start, fixed, {}, each.equilibrium)
             fits.append(each.fitted(task))
-        usual, other, _ = fits
+        usual, other, same = fits
         if usual is None or other is None:
-            return False
+            return None
         noise = max(row_noise(r, before.output) for r in records) ** 2
         size, *rests = (float(np.mean(fit.residual**2)) for fit in fits if fit is not None)
         large.append(size > 2 * noise)
@@ -161,11 +168,13 @@ def explain(
         near = min(MAX_LEFT_AT_NOISE * beyond, (AT_NOISE**2 - 1) * noise)
         most = max(MAX_LEFT_BY_LAW * beyond, near)
         left.append(min(rests) - noise < most)
+        if same is not None and _is_worse(other, same):
+            kept, other = [*kept, before], same
         worse.append(_is_worse(other, usual))
     explained, open_ = np.array(large) & np.array(left), np.array(large) & ~np.array(left)
     if any(isinstance(effect, LOSSES) for effect in effects) and np.any(open_):
-        return False
-    return bool(np.any(explained) and not np.any(worse))
+        return None
+    return tuple(kept) if np.any(explained) and not np.any(worse) else None
 
 
 def _held_out(fit: FittedKinds) -> float:

@@ -27,6 +27,7 @@ from thermaltool.fitting.kind_candidate import (
     WHY_ALONE,
     WHY_FEWEST,
     WHY_SIMPLEST,
+    WORSE_UNSEEN,
     KindCandidate,
     complexity,
     is_as_good,
@@ -259,7 +260,7 @@ class _Judgement:
             worse = np.bincount(blocks, each.held_out**2 - other.held_out**2)
             sure = float(np.sum(worse)) > SURE * float(np.std(worse)) * np.sqrt(len(worse))
             if sure and self._counts(each, other, each.held_out, other.held_out):
-                return "predicts held-out rows worse"
+                return WORSE_UNSEEN
         return ""
 
     def _counts(self, each: FittedKinds, other: FittedKinds, errors: Float, others: Float) -> bool:
