@@ -14,6 +14,7 @@ from types import MappingProxyType
 
 import numpy as np
 
+from thermaltool.diagnosis.balance import MAX_SLIGHT, SLIGHT
 from thermaltool.diagnosis.fit import CauseCandidate
 from thermaltool.diagnosis.gain import MIN_LOSS, Gain
 from thermaltool.diagnosis.held_out import held_out_gains
@@ -212,8 +213,7 @@ def is_practical(
     calibrated_misfit : mapping of output to float [unit of the output]
         What the model left of its calibration beside noise.
     """
-    # What helps one output and spoils another is no cause.
-    if any(g.harmful for g in gains.values()):
+    if _harms(hypothesis, gains):
         return False
     for output, g in gains.items():
         if output not in hypothesis.groups:  # measured in unseen logs alone
@@ -230,6 +230,23 @@ def is_practical(
         if g.claimed and g.useful and removed >= least**2:
             return True
     return False
+
+
+def _harms(hypothesis: Hypothesis, gains: Mapping[str, Gain]) -> bool:
+    """Whether gains spoil an output: what helps one and spoils another is no cause.
+
+    A slight loss says nothing against what explains much: the model is a little off there, too.
+    """
+    if not any(g.harmful for g in gains.values()):
+        return False
+    gained = lost = 0.0
+    for output, g in gains.items():
+        if output in hypothesis.groups:
+            change = (g.rms_after**2 - g.rms_before**2) / hypothesis.white(output) ** 2
+            gained, lost = gained + max(-change, 0.0), lost + max(change, 0.0)
+        elif g.harmful:  # measured in unseen logs alone
+            return True
+    return lost >= min(SLIGHT * gained, MAX_SLIGHT)
 
 
 def holds(hypothesis: Hypothesis, gains: Mapping[str, Gain]) -> bool:
@@ -250,7 +267,7 @@ def holds(hypothesis: Hypothesis, gains: Mapping[str, Gain]) -> bool:
         for output, g in gains.items()
         if output in hypothesis.groups
     }
-    if any(g.harmful for g in gains.values()) or sum(change.values()) > 0:
+    if _harms(hypothesis, gains) or sum(change.values()) > 0:
         return False
     unseen = all(abs(each) < MIN_LOSS for each in change.values())
     return unseen or any(gains[output].useful or gains[output].claimed for output in change)
