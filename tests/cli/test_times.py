@@ -21,7 +21,7 @@ def test_a_time_may_have_its_unit(text, seconds):
 def test_a_time_may_be_below_zero_where_a_number_may():
     assert SECONDS.convert("-2min", None, None) == -120.0
     for kind in (DURATION, DELAY):
-        with pytest.raises(click.BadParameter, match="-120.0 is not in the range"):
+        with pytest.raises(click.BadParameter, match="not in the range"):
             kind.convert("-2min", None, None)
 
 
