@@ -274,8 +274,10 @@ def _left_open(
     It is a cause where they go further than the calibration; logs that do not cannot judge.
     """
     cause = too_short(task.model, hypothesis, freed)
-    if cause is None or beyond_calibration(task.model, task.logs):
-        return None if cause is None else search.accepting(cause, freed)
+    if cause is None:
+        return None
+    if beyond_calibration(task.model, task.logs):
+        return search.accepting(cause, freed)
     why = (
         f"{cause.effect.channel}: the calibration covers {cause.effect.parameters['covered']:.2g} "
         "of the slowest time constants, and what that leaves open explains this log: calibrate on "

@@ -15,8 +15,8 @@ from thermaltool.units import is_absolute
 # output goes through.
 MAX_DECAY = 10.0
 # How much warmer than its surroundings a machine as a whole may be when a log begins: a standard
-# deviation [K], and at most so many of them.
-UNIFORM_START, MAX_UNIFORM = 2.0, 3.0
+# deviation [K].
+UNIFORM_START = 2.0
 # Directions of the decays weaker than this part of the strongest are left at rest.
 SINGULAR = 1e-10
 
@@ -76,20 +76,15 @@ def beginning(runs: SimulatedLogs, output: str) -> Series:
     return [start for start, _ in _beside(runs, output, decays_of(runs, output))]
 
 
-def start_free(runs: SimulatedLogs, output: str, uniform: bool = False) -> Series:
+def start_free(runs: SimulatedLogs, output: str) -> Series:
     """Residual of each log about the start and zero that fit it best; NaN where not measured.
 
     Parameters
     ----------
     runs : SimulatedLogs
     output : str
-    uniform : bool
-        Whether the machine may only begin as a whole warmer than its surroundings.
     """
-    if uniform:
-        found = _beside(runs, output, uniform_starts(runs, output), MAX_UNIFORM)
-    else:
-        found = _beside(runs, output, decays_of(runs, output))
+    found = _beside(runs, output, decays_of(runs, output))
     return [
         residual - start - zero
         for residual, (start, zero) in zip(runs.residual(output), found, strict=True)
@@ -97,17 +92,14 @@ def start_free(runs: SimulatedLogs, output: str, uniform: bool = False) -> Serie
 
 
 def _beside(
-    runs: SimulatedLogs, output: str, decays: Sequence[Series], most: float = np.inf
+    runs: SimulatedLogs, output: str, decays: Sequence[Series]
 ) -> list[tuple[Float, float]]:
-    """Start, a sum of columns, and zero of each log by least squares, as `simulate` fits them.
-
-    No column counts more often than `most`.
-    """
+    """Start, a sum of columns, and zero of each log by least squares, as `simulate` fits them."""
     groups, found = runs.groups[output], []
     for k, (residual, rows) in enumerate(zip(runs.residual(output), groups.rows, strict=True)):
         columns = [np.ones(len(residual)), *(each[k] for each in decays if np.any(each[k]))]
         basis = np.column_stack(columns)
         weights = np.linalg.lstsq(basis[rows], residual[rows], rcond=SINGULAR)[0]
-        start = basis[:, 1:] @ np.clip(weights[1:], -most, most)
+        start = basis[:, 1:] @ weights[1:]
         found.append((start, float(np.mean((residual - start)[rows]))))
     return found
