@@ -202,6 +202,7 @@ def hold_of(channel: str) -> Hold:
 
 # No temperature is below [degC].
 ABSOLUTE_ZERO = -273.15
+FAHRENHEIT = (5 / 9, -160 / 9)  # scale and offset of degF to degC
 
 
 def is_temperature(channel: str) -> bool:

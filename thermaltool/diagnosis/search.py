@@ -263,10 +263,10 @@ def _too_short(
     if search.causes or not uncovered(task.model) or "tight" not in hypothesis.assumptions:
         return None
     freed = hypothesis.under(released(hypothesis.assumptions), task.model).fitted()
-    return _left_open(task, search, hypothesis, freed)
+    return _with_left_open(task, search, hypothesis, freed)
 
 
-def _left_open(
+def _with_left_open(
     task: DiagnosisTask, search: SearchState, hypothesis: Hypothesis, freed: Hypothesis
 ) -> SearchState | None:
     """The search where what too short a calibration leaves open explains the logs; else None.
@@ -297,7 +297,7 @@ def _own_change(
     changed = hypothesis.under(better, task.model)
     if _is_freed(hypothesis, changed):
         changed = changed.fitted()
-        if (found := _left_open(task, search, hypothesis, changed)) is not None:
+        if (found := _with_left_open(task, search, hypothesis, changed)) is not None:
             return found, None
         if beyond := beyond_calibration(task.model, task.logs):
             output, length = next(iter(beyond.items()))
@@ -312,7 +312,7 @@ def _own_change(
         return search.noted(BEGINS_AS_A_WHOLE), changed
     # What a short calibration has not seen may pass for a start: it comes first.
     freed = hypothesis.under(released(hypothesis.assumptions), task.model).fitted()
-    found = _left_open(task, search, hypothesis, freed)
+    found = _with_left_open(task, search, hypothesis, freed)
     # Beside a longer calibration nothing is left of what only looked like a start.
     started = freed.evidence_of((freed.assumptions - STARTS) | {"initial"}) > DECISIVE_EVIDENCE
     if found is not None and not started:

@@ -232,20 +232,27 @@ def is_practical(
     return False
 
 
+def _changes(hypothesis: Hypothesis, gains: Mapping[str, Gain]) -> dict[str, float]:
+    """What each output of the hypothesis loses (> 0) or gains: mean squares over that of noise."""
+    return {
+        output: (g.rms_after**2 - g.rms_before**2) / hypothesis.white(output) ** 2
+        for output, g in gains.items()
+        if output in hypothesis.groups
+    }
+
+
 def _harms(hypothesis: Hypothesis, gains: Mapping[str, Gain]) -> bool:
     """Whether gains spoil an output: what helps one and spoils another is no cause.
 
     A slight loss says nothing against what explains much: the model is a little off there, too.
     """
-    if not any(g.harmful for g in gains.values()):
+    harmful = {output for output, g in gains.items() if g.harmful}
+    if not harmful:
         return False
-    gained = lost = 0.0
-    for output, g in gains.items():
-        if output in hypothesis.groups:
-            change = (g.rms_after**2 - g.rms_before**2) / hypothesis.white(output) ** 2
-            gained, lost = gained + max(-change, 0.0), lost + max(change, 0.0)
-        elif g.harmful:  # measured in unseen logs alone
-            return True
+    if harmful - set(hypothesis.groups):  # measured in unseen logs alone
+        return True
+    changes = _changes(hypothesis, gains).values()
+    gained, lost = (sum(max(sign * each, 0.0) for each in changes) for sign in (-1, 1))
     return lost >= min(SLIGHT * gained, MAX_SLIGHT)
 
 
@@ -262,11 +269,7 @@ def holds(hypothesis: Hypothesis, gains: Mapping[str, Gain]) -> bool:
     gains : mapping of output to Gain
         On the unseen logs.
     """
-    change = {
-        output: (g.rms_after**2 - g.rms_before**2) / hypothesis.white(output) ** 2
-        for output, g in gains.items()
-        if output in hypothesis.groups
-    }
+    change = _changes(hypothesis, gains)
     if _harms(hypothesis, gains) or sum(change.values()) > 0:
         return False
     unseen = all(abs(each) < MIN_LOSS for each in change.values())

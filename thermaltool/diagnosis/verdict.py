@@ -77,7 +77,7 @@ def undecided(
         each, log = budgets[at], hypothesis.logs[at[1]]
         here = f"in {log.name}" if len(hypothesis.logs) > 1 and log.name else "in this log"
         unit = printed(parse_channel(output).unit)
-        if _left_open(each):
+        if _only_left_open(each):
             found.append(
                 f"{output}: the calibration leaves open {_most_open(hypothesis, at)}, which "
                 f"makes {np.sqrt(each.shown**2 - each.unexplained**2):.3g} {unit} {here}: "
@@ -97,7 +97,7 @@ def undecided(
     return tuple(found)
 
 
-def _left_open(budget: ResidualBudget) -> bool:
+def _only_left_open(budget: ResidualBudget) -> bool:
     """Whether a residual is explained, but only by what the calibration leaves open."""
     return budget.allowed >= ADEQUATE_SHARE > budget.accounted
 
@@ -117,7 +117,7 @@ def nothing_moves(
     budgets : mapping of (output, number of the log) to ResidualBudget
         Of the model as it came.
     """
-    if any(map(_left_open, budgets.values())):
+    if any(map(_only_left_open, budgets.values())):
         return None
     visible = 0.0
     for output, groups in hypothesis.groups.items():

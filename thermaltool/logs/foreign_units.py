@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import re
 
-from thermaltool.units import UNITS
+from thermaltool.units import FAHRENHEIT, UNITS
 
 # Spelling, in lower case and without blanks, -> (unit of a name, scale, offset).
 SPELLINGS: dict[str, tuple[str, float, float]] = {
@@ -12,7 +12,7 @@ SPELLINGS: dict[str, tuple[str, float, float]] = {
         ("°c", "degc", "c", "celsius", "deg_c", "deg.c", "grdc", "grad", "℃"), ("degC", 1.0, 0.0)
     ),
     **dict.fromkeys(
-        ("°f", "degf", "f", "fahrenheit", "deg_f", "deg.f", "℉"), ("degC", 5 / 9, -160 / 9)
+        ("°f", "degf", "f", "fahrenheit", "deg_f", "deg.f", "℉"), ("degC", *FAHRENHEIT)
     ),
     **dict.fromkeys(("kelvin", "degk", "k_abs"), ("degC", 1.0, -273.15)),
     **dict.fromkeys(("µm", "μm", "micron", "microns", "mikrometer"), ("um", 1.0, 0.0)),

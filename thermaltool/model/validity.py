@@ -11,7 +11,14 @@ import numpy as np
 
 from thermaltool.model.rest import relative, rest_level, rest_shifts
 from thermaltool.responses.modes import Float
-from thermaltool.units import ABSOLUTE_ZERO, UNITS, Reference, is_absolute, parse_channel
+from thermaltool.units import (
+    ABSOLUTE_ZERO,
+    FAHRENHEIT,
+    UNITS,
+    Reference,
+    is_absolute,
+    parse_channel,
+)
 
 if TYPE_CHECKING:
     from thermaltool.model.document import Model
@@ -168,7 +175,8 @@ def _other_unit(
     low, high = (rest + end for end in seen)
     lowest, highest, width = float(np.min(values)), float(np.max(values)), high - low
     kelvins = lowest - high > -ABSOLUTE_ZERO / 2 and lowest + ABSOLUTE_ZERO < high + width
-    begins, ends = ((value - 32.0) / 1.8 for value in (lowest, highest))
+    scale, offset = FAHRENHEIT
+    begins, ends = (scale * value + offset for value in (lowest, highest))
     as_before = abs(begins - low) < SAME_BEGIN * width and ends < high + width
     fahrenheit = lowest > high + MARGIN * width and as_before
     unit = "K" if kelvins else "degF" if fahrenheit else None
