@@ -4,7 +4,7 @@
 # make bench    speed as ratios in one run, memory by the row, diagnose beside what a user would pick
 # make study    error bands over fresh noise, hidden effects, the measured logs
 # make hidden   hidden effects alone; make measured: the measured logs alone
-# make exam     machines of other physics, known and unknown trouble: 324 logs; not in CI
+# make exam     machines of other physics, known and unknown trouble: 455 logs; not in CI
 # make docs     the site of docs/ in site/; docs/reference/commands/ again, from --help
 # make samples  data_samples/ again, from the simulated machine
 # Each sets up .venv from requirements.lock by itself.

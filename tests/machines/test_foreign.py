@@ -1,6 +1,7 @@
 """The foreign machines: they keep their heat, come to rest, and go wrong as much as is wanted."""
 
 import itertools
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -90,6 +91,25 @@ def test_a_thermostat_answers_its_bed():
     # It commands less as the bed comes near its set point.
     assert len(np.unique(heat)) > 50
     assert ROOM in course.table
+
+
+def test_copper_that_warms_gives_more_heat_and_radiation_takes_some():
+    motor, bonder = machine("motor"), machine("bonder")
+    plain = replace(motor, drives=(replace(motor.drive, grows=None),))
+    assert 1.05 < _peak(motor) / _peak(plain) < 1.5
+    assert 0.7 < _peak(bonder) / _peak(replace(bonder, emissivity=0.0)) < 0.99
+
+
+def _peak(plant):
+    c = draw(plant, np.random.default_rng(2), calibrating=True)
+    return run(plant, c).nodes.max()
+
+
+def test_the_air_of_the_bench_cycles():
+    plant = machine("bench")
+    c = draw(plant, np.random.default_rng(1))
+    turns = np.count_nonzero(np.diff(np.sign(np.diff(c.air))))
+    assert 2 * np.ptp(c.time) / 3600 < turns < 2 * np.ptp(c.time) / 900
 
 
 @pytest.mark.parametrize("kind", KINDS)

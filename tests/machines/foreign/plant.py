@@ -60,6 +60,8 @@ class Drive:
         What commands it.
     calibration, duty : Schedule
         Of a designed excitation, and of all later logs.
+    grows : (int, float), optional
+        Node whose warmth adds to the heat, and by what share for a kelvin: copper's resistance.
     """
 
     channel: str
@@ -69,6 +71,7 @@ class Drive:
     thermostat: Thermostat | None = None
     calibration: Schedule = staircase
     duty: Schedule = duty
+    grows: tuple[int, float] | None = None
 
 
 @dataclass(frozen=True)
@@ -94,6 +97,8 @@ class Plant:
         Node that it warms where it does.
     room : float [K]
         Swing of the room, where the user knows it as an input; else it is kept.
+    weather : Schedule
+        Course of the room for a swing of 1.
     days : float [K]
         Deviation of a log's room from another's. The machine has not come to rest in it.
     jitter : float
@@ -104,6 +109,8 @@ class Plant:
         Share of the later logs that begin on a warm machine.
     part : bool
         Whether there is a workpiece.
+    emissivity : float
+        Of the clean machine, where radiation beyond its linear part matters.
     own : frozenset of str
         Causes that are true of the machine itself: naming them is no error.
     foreign : mapping of channel to (name, scale, offset)
@@ -121,11 +128,13 @@ class Plant:
     pump: str
     source: int
     room: float = 0.0
+    weather: Schedule = swing
     days: float = 0.0
     jitter: float = 0.0
     dropped: float = 0.0
     warm: float = 0.0
     part: bool = False
+    emissivity: float = 0.0
     own: frozenset[str] = frozenset()
     foreign: Mapping[str, tuple[str, float, float]] = field(default_factory=dict)
 
@@ -239,7 +248,7 @@ def draw(plant: Plant, generator: Generator, calibrating: bool = False) -> Condi
         else:
             commands[each.channel] = np.round(each.largest * course, 3)
     amplitude = generator.uniform(0.7, 1.3) * plant.room if plant.room else QUIET_ROOM
-    air = amplitude * swing(time, generator)
+    air = amplitude * plant.weather(time, generator)
     air = air - np.interp(0.0, time, air)
     if plant.days:
         today, yesterday = generator.normal(0.0, plant.days, 2)
@@ -249,7 +258,9 @@ def draw(plant: Plant, generator: Generator, calibrating: bool = False) -> Condi
         beside[PART] = workpieces(time, generator)
     ones = np.ones(len(time))
     heat = np.zeros((len(time), plant.body.nodes))
-    return Conditions(time, rows, commands, setpoints, beside, air, heat, ones, ones.copy())
+    c = Conditions(time, rows, commands, setpoints, beside, air, heat, ones, ones.copy())
+    c.emissivity = plant.emissivity
+    return c
 
 
 def run(plant: Plant, c: Conditions) -> Course:
@@ -261,7 +272,11 @@ def run(plant: Plant, c: Conditions) -> Course:
             acts = commands[each.channel] / each.largest
             for change in c.act if each is plant.drive else ():
                 acts = change(c.time, acts)
-            loads.heat = loads.heat + np.outer(each.law(acts), each.inlet)
+            heat = np.outer(each.law(acts), each.inlet)
+            if each.grows:
+                loads.react.append(_growing(heat, *each.grows))
+            else:
+                loads.heat = loads.heat + heat
         else:
             commands[each.channel] = given = np.zeros(len(c.time))
             loads.react.append(_thermostat(each, c.setpoints[each.channel], given))
@@ -291,6 +306,15 @@ def _thermostat(drive: Drive, setpoint: Array, given: Array) -> React:
         wanted = gain * (setpoint[k] - here[node]) if setpoint[k] else 0.0
         given[k] = np.round(np.clip(wanted, 0.0, drive.largest), 2)
         return 1.0, drive.law(given[k] / drive.largest) * drive.inlet
+
+    return react
+
+
+def _growing(heat: Array, node: int, share: float) -> React:
+    """Heat that is more where its node is warm."""
+
+    def react(k: int, here: Array) -> tuple[float, Array]:
+        return 1.0, heat[k] * (1.0 + share * here[node])
 
     return react
 

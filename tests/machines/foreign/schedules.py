@@ -80,6 +80,15 @@ def swing(time: Array, generator: Generator) -> Array:
     return course
 
 
+def conditioned(time: Array, generator: Generator) -> Array:
+    """A room with a two-point cooler: a saw of 20 to 45 minutes upon half of a slow swing."""
+    period, sheds = generator.uniform(1200.0, 2700.0), generator.uniform(0.55, 0.8)
+    # It cools oftener by day than by night.
+    beat = (time - time[0]) / period + generator.uniform(0.5, 2.0) * np.sin(time / 13750.0)
+    saw = np.interp(beat % 1.0, [0.0, sheds, 1.0], [-1.0, 1.0, -1.0])
+    return np.asarray(0.5 * saw + 0.5 * swing(time, generator))
+
+
 def workpieces(time: Array, generator: Generator) -> Array:
     """A part above rest [K]: a new one comes in warm or cold now and then, and settles."""
     course, start = np.zeros_like(time), time[0]

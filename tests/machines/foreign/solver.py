@@ -49,6 +49,12 @@ class Body:
     def nodes(self) -> int:
         return len(self.capacity)
 
+    @property
+    def slowest(self) -> float:
+        """Largest time constant [s]."""
+        rates = np.linalg.eigvals((self.exchange + np.diag(self.film)) / self.capacity[:, None])
+        return float(1.0 / rates.real.min())
+
     def steady(self, heat: Array, air: float = 0.0) -> Array:
         """Temperatures above rest that a constant `heat` (n,) [W] and `air` [K] lead to."""
         ends: Array = np.zeros(self.nodes)
