@@ -215,6 +215,16 @@ def is_temperature(channel: str) -> bool:
     return parse_channel(channel).dimension.startswith("temperature")
 
 
+def kelvins(channel: str) -> float:
+    """A unit of a temperature channel in kelvin: 0.001 of one in mK.
+
+    Parameters
+    ----------
+    channel : str
+    """
+    return UNITS[parse_channel(channel).unit][1] / UNITS["K"][1]
+
+
 def is_absolute(channel: str) -> bool:
     """Whether a channel is a temperature, and no difference of two.
 

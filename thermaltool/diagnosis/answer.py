@@ -48,6 +48,9 @@ from thermaltool.effects.effect import Effect
 from thermaltool.model import Model
 from thermaltool.units import parse_channel, printed
 
+# A response has changed where its drive moves an output by so many times the noise more or less.
+MIN_MOVED = 3.0
+
 
 def answer(task: DiagnosisTask, first: Hypothesis, search: SearchState) -> Diagnosis:
     """What is told of a finished search.
@@ -90,6 +93,7 @@ def answer(task: DiagnosisTask, first: Hypothesis, search: SearchState) -> Diagn
         after, left = weigh_residuals(ended, last.with_model(fitted), noise)
     elif HAS_CHANGED in search.notes:
         search = _changed(task, search, budgets, noise)
+    changed = next((note for note in search.notes if note.startswith(HAS_CHANGED)), None)
     unknown = None
     if not search.undecided:
         unknown = unknown_cause(left, budgets, after, ended, bool(search.causes))
@@ -127,7 +131,9 @@ def answer(task: DiagnosisTask, first: Hypothesis, search: SearchState) -> Diagn
             c, severity=each,
             action=action_of(
                 c.effect, each, noise, c.location, begins.get(c.effect.log or "", 0.0)
-            ),
+            )
+            if c is not unknown or changed is None
+            else changed,
             elsewhere=_elsewhere(full, extended, c.effect, noise),
         )
         for c, each in zip(causes, moved, strict=True)
@@ -202,8 +208,9 @@ def _changed(
     moved: dict[str, tuple[float, str]] = {}
     for old, new in zip(task.model.terms, ended.model.terms, strict=True):
         before, after = (float(term.response.step(end)[-1]) for term in (old, new))
-        size = abs(before) / noise.get(old.output, np.inf)
-        if before and size > moved.get(old.drive, (0.0, ""))[0]:
+        change = abs(after - before) * ended.simulation.level(old.drive)
+        size = change / noise.get(old.output, np.inf)
+        if before and size > moved.get(old.drive, (MIN_MOVED, ""))[0]:
             moved[old.drive] = size, f"{old.drive} moves {old.output} {after / before:.3g} times"
     told = ", ".join(sentence for _, sentence in moved.values())
     return search.noted(f"{HAS_CHANGED} ({told} as far as it did)" if told else HAS_CHANGED)

@@ -117,11 +117,11 @@ def _check(model: Model, logs: Sequence[Record]) -> None:
 
 def _with_outliers(search: SearchState) -> SearchState:
     """Outliers of what is left in the end: a cause where leaving them out is of use."""
-    opened = search.open().with_masked({})
-    outliers = find_outliers(opened)
+    outliers = find_outliers(search.open().with_masked({}))
     if outliers is None:
         return search
-    return _leaving_out(replace(search, hypothesis=opened.with_masked(outliers.masked)), outliers)
+    masked = search.hypothesis.with_masked(outliers.masked)
+    return _leaving_out(replace(search, hypothesis=masked), outliers)
 
 
 def _with_outliers_of(readings: DiagnosisTask, search: SearchState, written: Model) -> SearchState:

@@ -22,6 +22,7 @@ from thermaltool.diagnosis.information import (
 from thermaltool.diagnosis.inputs import Experiment, library
 from thermaltool.diagnosis.limits import ExperimentLimits
 from thermaltool.diagnosis.simulation import Changes, Series, SimulatedLogs
+from thermaltool.diagnosis.starts import begins_away, level_responses
 from thermaltool.effects.effect import Effect
 from thermaltool.effects.instant import INSTANTS
 from thermaltool.signals.likelihood import ColouredNoise
@@ -57,8 +58,8 @@ class SimulatedExperiments:
         self.noise, self.experiments = information.noise, experiments
         logged = information.hypothesis
         self.hypothesis = logged.with_masked({}).with_logs([e.record for e in experiments])
-        away = logged.simulation.away_from_rest()
-        starts = self.hypothesis.simulation.level_responses() if away else []
+        away = begins_away(logged.simulation)
+        starts = level_responses(self.hypothesis.simulation) if away else []
         self._shared: dict[str, Series] = {}
         self._private: dict[str, Series] = {}
         for output in outputs:

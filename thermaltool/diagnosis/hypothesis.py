@@ -21,12 +21,11 @@ from thermaltool.effects.effect import Float
 from thermaltool.effects.scene import Scene
 from thermaltool.model import Model
 from thermaltool.record import Record
-from thermaltool.signals.intervals import NORMAL_95
 from thermaltool.signals.row_groups import RowGroups
 
 # The model's own parameters are searched in so many steps at most, until none moves by more (of a
-# logarithm, or a gain's unit); each goes this far at most (of a logarithm), whole or in part, and
-# has to lower the negative log likelihood by so much.
+# logarithm, or of the largest gain); each goes this far at most (of a logarithm), whole or in part,
+# and has to lower the negative log likelihood by so much.
 MAX_STEPS, MIN_STEP, MAX_STEP = 6, 1e-3, 0.7
 STEP_SHARES = (1.0, 0.3, 0.1)
 MIN_DESCENT = 0.1
@@ -274,44 +273,6 @@ class Hypothesis:
             for e in self.evidence.values()
         )
 
-    def intervals(self, at: int) -> dict[str, tuple[float, float]]:
-        """95 % intervals of the parameters of an effect, within what is plausible.
-
-        Parameters
-        ----------
-        at : int
-            Which of the model's effects.
-        """
-        effect, result = self.model.effects[at], {}
-        for name, deviation in self._deviations(at).items():
-            known, value = effect.parameter(name), effect.parameters[name]
-            low, high = value - NORMAL_95 * deviation, value + NORMAL_95 * deviation
-            result[name] = (max(low, known.low), min(high, known.high))
-        return result
-
-    def _deviations(self, at: int) -> dict[str, float]:
-        """Standard errors of the parameters of an effect that the model holds."""
-        names = list(self.model.effects[at].parameters)
-        precision = np.zeros((len(names), len(names)))
-        for output, evidence in self.evidence.items():
-            null, accepted = evidence.null(self.assumptions), self.nuisance[output].accepted
-            own = [name for k, name in accepted if k == at]
-            if not own:
-                continue
-            places = np.flatnonzero(np.array(evidence.names)[null.active] == "accepted")
-            index = places[[k for k, (e, _) in enumerate(accepted) if e == at]]
-            half = null.whitening[null.level][index]
-            block = half @ half.T * null.white**2
-            rows = [names.index(name) for name in own]
-            size = np.sqrt(np.maximum(np.diag(block), TINY))
-            inverse = np.linalg.pinv(block / np.outer(size, size), hermitian=True)
-            precision[np.ix_(rows, rows)] += evidence.independence * inverse / np.outer(size, size)
-        known = np.flatnonzero(np.diag(precision) > 0)
-        size = np.sqrt(np.diag(precision)[known])
-        scaled = precision[np.ix_(known, known)] / np.outer(size, size)
-        variance = np.diag(np.linalg.pinv(scaled, hermitian=True)) / size**2
-        return {names[k]: float(np.sqrt(v)) for k, v in zip(known, variance, strict=True)}
-
     # ------------------------------------------------------------ the model's own parameters
 
     def fitted(self) -> Hypothesis:
@@ -330,7 +291,7 @@ class Hypothesis:
         best = self
         for _ in range(MAX_STEPS):
             steps = {output: best._own_steps(output) for output in best.evidence}
-            if not any(np.any(np.abs(step) > MIN_STEP) for step in steps.values()):
+            if not any(best._is_step(output, step) for output, step in steps.items()):
                 break
             for share in STEP_SHARES:
                 moved = best._moved(steps, share)
@@ -357,6 +318,10 @@ class Hypothesis:
         if key not in self._fitted_beside:
             self._fitted_beside[key] = self.with_logs((*self.logs, *logs)).fitted()
         return self._fitted_beside[key]
+
+    def _is_step(self, output: str, steps: Float) -> bool:
+        nuisance = self.nuisance[output]
+        return bool(np.any(np.abs(steps) > MIN_STEP * nuisance.wide(nuisance.own)))
 
     def _own_steps(self, output: str) -> Float:
         """Moves of an output's own parameters that its residual asks for, none too long."""

@@ -26,6 +26,7 @@ from thermaltool.diagnosis.evidence import (
 from thermaltool.diagnosis.fit import products_of, profile
 from thermaltool.diagnosis.hypothesis import Hypothesis
 from thermaltool.diagnosis.simulation import Changes
+from thermaltool.diagnosis.starts import begins_away, level_responses
 from thermaltool.diagnosis.whitening import SINGULAR
 from thermaltool.effects.effect import Effect, Float
 from thermaltool.signals.likelihood import Factor
@@ -133,7 +134,7 @@ class InformationMatrix:
         self.noise = noise or noise_before(hypothesis, assumptions)
         self.group = "released" if "released" in assumptions else "tight"
         simulation = hypothesis.simulation
-        starts = simulation.level_responses() if simulation.away_from_rest() else []
+        starts = level_responses(simulation) if begins_away(simulation) else []
         self._private, self._shared, self._prior = {}, {}, {}
         for output, evidence in hypothesis.evidence.items():
             names = np.array(evidence.names)

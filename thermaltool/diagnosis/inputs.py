@@ -10,6 +10,7 @@ from numpy.typing import NDArray
 
 from thermaltool.diagnosis.hypothesis import Hypothesis
 from thermaltool.diagnosis.limits import ExperimentLimits
+from thermaltool.diagnosis.starts import begins_away
 from thermaltool.effects.effect import Effect, Float
 from thermaltool.record import Record
 from thermaltool.units import hold_of, parse_channel, printed
@@ -73,15 +74,20 @@ class ChannelLevels:
     start, low, high : float
         At rest (at the first row where a log does not begin there), and the extremes of the logs
         and of the calibration.
-    third : float
-        The round level between them that is furthest from all that the logs hold.
+    unused : float
+        The share of the way between them that is furthest from all that the logs hold.
     """
 
     channel: str
     start: float
     low: float
     high: float
-    third: float
+    unused: float
+
+    @property
+    def third(self) -> float:
+        """A round level between the extremes, far from all that the logs hold."""
+        return self.at(self.unused)
 
     @property
     def furthest(self) -> float:
@@ -95,8 +101,20 @@ class ChannelLevels:
 
     def say(self, value: float) -> str:
         """A value with the unit of the channel."""
-        text = f"{value:.0f}" if abs(value) >= 1000 else f"{value:.3g}"
+        text = f"{value:.{max(_decimals(self.low, self.high) + 1, 0)}f}"
+        text = text.rstrip("0").rstrip(".") if "." in text else text
         return f"{text} {printed(parse_channel(self.channel).unit)}".rstrip()
+
+    def at(self, share: float) -> float:
+        """A level between low (0) and high (1), as a user would set it."""
+        value = self.low + share * (self.high - self.low)
+        value = round(value, _decimals(self.low, self.high))
+        return float(np.clip(value, self.low, self.high))
+
+
+def _decimals(low: float, high: float) -> int:
+    """Decimals of the second figure of a range."""
+    return 1 - int(np.floor(np.log10((high - low) or abs(high) or 1.0)))
 
 
 def levels_of(hypothesis: Hypothesis, channel: str) -> ChannelLevels:
@@ -115,7 +133,7 @@ def levels_of(hypothesis: Hypothesis, channel: str) -> ChannelLevels:
         if drive.channel == channel:
             rest = start if drive.reference == "first" else drive.reference
             low, high = min(low, rest + drive.range[0]), max(high, rest + drive.range[1])
-            if not hypothesis.simulation.away_from_rest():
+            if not begins_away(hypothesis.simulation):
                 start = rest
     values, counts = np.unique(np.round((seen - low) / (high - low or 1.0), 3), return_counts=True)
     taken = np.append(
@@ -123,8 +141,8 @@ def levels_of(hypothesis: Hypothesis, channel: str) -> ChannelLevels:
     )
     shares = np.array([0.5, 0.6, 0.4, 0.7, 0.3, 0.8, 0.2])
     distance = np.min(np.abs(shares[:, None] - taken[None, :]), axis=1)
-    third = low + float(shares[int(np.argmax(np.round(distance, 2)))]) * (high - low)
-    return ChannelLevels(channel, start, low, high, float(f"{third:.2g}"))
+    unused = float(shares[int(np.argmax(np.round(distance, 2)))])
+    return ChannelLevels(channel, start, low, high, unused)
 
 
 def duration_text(seconds: float, digits: int = 2) -> str:
@@ -238,7 +256,7 @@ def _plans(
         f"at {u.say(b)}",
         [(hold, b), (hold, c), (hold, u.nearest)],
     )
-    stairs = [float(f"{u.low + s * (u.high - u.low):.2g}") for s in (0.25, 0.5, 0.75)]
+    stairs = [u.at(share) for share in (0.25, 0.5, 0.75)]
     yield plan(
         f"take {name} through a staircase of levels, {', '.join(u.say(v) for v in stairs)} and "
         f"{u.say(u.high)}, up and down again, {duration_text(hold / 2)} each",

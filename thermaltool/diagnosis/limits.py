@@ -50,6 +50,8 @@ class ExperimentLimits:
         logged : float [s]
             Longest log.
         """
+        if self.unlimited:
+            return max(MAX_DURATION, logged)
         return self.run or max(WORKING_DAY, logged)
 
     def can_set(self, channel: str) -> bool:
@@ -66,7 +68,7 @@ class ExperimentLimits:
 
 # What can be done at a machine of which nothing is said, and every input that a model can be given.
 USUAL_LIMITS = ExperimentLimits()
-UNLIMITED = ExperimentLimits(run=MAX_DURATION, unlimited=True)
+UNLIMITED = ExperimentLimits(unlimited=True)
 
 
 def limits_of(text: str, channels: Iterable[str]) -> ExperimentLimits:

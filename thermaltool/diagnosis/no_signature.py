@@ -15,6 +15,7 @@ from thermaltool.diagnosis.gain import Gain, compare
 from thermaltool.diagnosis.held_out import held_out_gains
 from thermaltool.diagnosis.hypothesis import Hypothesis
 from thermaltool.diagnosis.readings import hidden_noise
+from thermaltool.diagnosis.residual_budget import reading_noise
 from thermaltool.diagnosis.result import Cause
 from thermaltool.diagnosis.simulation import Mask, Series, SimulatedLogs
 from thermaltool.effects import effect_class
@@ -73,8 +74,8 @@ def find_outliers(hypothesis: Hypothesis) -> OutlierMask | None:
     ----------
     hypothesis : Hypothesis
     """
-    white = {o: hypothesis.nuisance[o].white for o in hypothesis.groups}
-    return outliers_of(hypothesis.simulation, white, hypothesis.unexplained)
+    noise = {o: reading_noise(hypothesis, o) for o in hypothesis.groups}
+    return outliers_of(hypothesis.simulation, noise, hypothesis.unexplained)
 
 
 def outliers_of(
@@ -328,11 +329,17 @@ def too_short(calibrated: Model, before: Hypothesis, after: Hypothesis) -> Cause
     worse = [o for o, g in gain.items() if g.spoiled]
     if not helped or worse:
         return None
-    rows = len(before.logs[0])
-    moved = {o: rows * np.log(gain[o].rms_before / gain[o].rms_after) for o in helped}
-    output = max(helped, key=lambda o: moved[o])
+    output = max(helped, key=lambda o: gain[o].rms_before / gain[o].rms_after)
     effect = effect_class("record_too_short")(output, {"covered": short[output]})
-    return Cause(effect, float(2 * sum(moved.values())), {}, gain, 0.0)
+    return Cause(effect, _evidence(before, after), {}, gain, 0.0)
+
+
+def _evidence(before: Hypothesis, after: Hypothesis) -> float:
+    """Fall of BIC from one hypothesis to another, whose own parameters count beside their prior."""
+    null = {o: each.null(before.assumptions) for o, each in before.evidence.items()}
+    freed = {o: each.null(after.assumptions) for o, each in after.evidence.items()}
+    rise = {o: null[o].best - freed[o].best for o in null}
+    return 2 * sum(before.evidence[o].independence * each for o, each in rise.items())
 
 
 def _left_by_calibration(calibrated: Model, hypothesis: Hypothesis, output: str) -> float:

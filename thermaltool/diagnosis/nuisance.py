@@ -19,7 +19,7 @@ from scipy.linalg import block_diag
 from thermaltool.diagnosis.correction import known_discrepancy
 from thermaltool.diagnosis.evidence import Assumptions
 from thermaltool.diagnosis.held_effects import accepted_effects, calibrated_effects
-from thermaltool.diagnosis.readings import as_readings
+from thermaltool.diagnosis.readings import as_readings, stand_still
 from thermaltool.diagnosis.simulation import Series, SimulatedLogs
 from thermaltool.diagnosis.starts import decays_of, uniform_starts
 from thermaltool.diagnosis.switching import earlier_of, instants_of
@@ -39,8 +39,8 @@ MIN_LAG_RATIO = 3.0
 MIN_FLOOR, SHOWN_TIME_CONSTANTS = 0.5, 2.0
 # Directions of a prior that change a whole log by less, over the noise of a reading, are left out.
 MIN_CHANGE = 0.1
-# A sensor's noise may be smaller by this factor than at the calibration; where nothing is known of
-# it, it is no smaller than this share of the residual.
+# The noise of a sensor that repeats readings may be smaller by this factor than at the calibration;
+# where nothing is known of it, it is no smaller than this share of the residual.
 MIN_NOISE_RATIO, MIN_NOISE_SHARE = 0.7, 1e-3
 # Smallest white noise [unit of the channel], and eigenvalue of a scaled covariance.
 MIN_WHITE, MIN_EIGENVALUE = 1e-12, 1e-12
@@ -119,13 +119,13 @@ class OutputNuisance:
     def white(self) -> float:
         """White noise of a reading, from the differences of neighbours.
 
-        Not far below that of the calibration: a sensor that stands still is no quiet sensor.
+        A sensor that stands still is no quiet sensor: it has about the noise of the calibration.
         """
         residual = as_readings(self.simulation, self.output, self.simulation.residual(self.output))
+        least = MIN_NOISE_SHARE * float(np.std(residual))
         if "tight" in self.assumptions:
-            least = MIN_NOISE_RATIO * float(self._known.get("white_sigma", 0.0))
-        else:
-            least = MIN_NOISE_SHARE * float(np.std(residual))
+            still = stand_still(self.simulation, self.output)
+            least = still * MIN_NOISE_RATIO * float(self._known.get("white_sigma", 0.0))
         return max(difference_sigma(residual), least, MIN_WHITE)
 
     def floor(self, tau: float = np.inf) -> float:
@@ -319,16 +319,17 @@ class OutputNuisance:
             now = getattr(self.simulation.model.terms[each.term].response, each.name)
             was = getattr(self.calibrated.terms[each.term].response, each.name)
             at[k] = np.log(now / was) if each.log else now - was
-        return at, self._wide(self.own)
+        return at, self.wide(self.own)
 
-    def _wide(self, own: Sequence[OwnParameter]) -> Float:
+    def wide(self, own: Sequence[OwnParameter]) -> Float:
+        """How far own parameters may be from the calibration at most, shape (p,)."""
         return np.array([WIDE_LOG if e.log else WIDE_GAIN * self._gain_scale(e) for e in own])
 
     def _calibrated_covariance(self, own: Sequence[OwnParameter]) -> Float:
         """Covariance of some parameters of one term, by the fit alone."""
         term = self.calibrated.terms[own[0].term]
         if term.covariance is None:
-            return np.diag(self._wide(own) ** 2)
+            return np.diag(self.wide(own) ** 2)
         names = list(term.covariance_names)
         index = [names.index(e.name) for e in own]
         factor = np.array([1 / getattr(term.response, e.name) if e.log else 1.0 for e in own])

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import replace
 
 import numpy as np
 
@@ -50,17 +49,20 @@ def pruned(task: DiagnosisTask, first: Hypothesis, search: SearchState) -> Searc
 
 def _backward(search: SearchState) -> SearchState:
     """The search without the causes that later ones made idle."""
-    for cause in search.causes[:-1]:
-        model = search.hypothesis.model
-        rest = without(model, cause.effect)
-        if len(model.effects) < 2 or rest is model:
-            continue
-        bare = search.open().with_model(rest)
-        again = fit_candidate(bare, CauseCandidate.unfitted(cause.effect, bare.assumptions))
-        if again.evidence < (0.0 if "white" in bare.assumptions else DECISIVE_EVIDENCE):
-            kept = tuple(c for c in search.causes if c is not cause)
-            search = replace(search, causes=kept, hypothesis=bare)
+    while idle := [cause for cause in search.causes[:-1] if _is_idle(search, cause)]:
+        search = search.without(idle[0])
     return search
+
+
+def _is_idle(search: SearchState, cause: Cause) -> bool:
+    """Whether a cause has no evidence beside the others."""
+    opened = search.open()
+    rest = without(opened.model, cause.effect)
+    if len(opened.model.effects) < 2 or rest is opened.model:
+        return False
+    bare = opened.with_model(rest).fitted()
+    again = fit_candidate(bare, CauseCandidate.unfitted(cause.effect, bare.assumptions))
+    return again.evidence < (0.0 if "white" in bare.assumptions else DECISIVE_EVIDENCE)
 
 
 def _of_use(task: DiagnosisTask, search: SearchState) -> SearchState:
@@ -80,19 +82,15 @@ def _of_use(task: DiagnosisTask, search: SearchState) -> SearchState:
 
 def _dropped(search: SearchState, cause: Cause, why: str) -> SearchState:
     """The search without one of its causes."""
-    last = search.hypothesis
-    return replace(
-        search.noted(f"{cause.effect.name} {why}"),
-        causes=tuple(c for c in search.causes if c is not cause),
-        hypothesis=last.with_model(without(last.model, cause.effect)).fitted(),
-    )
+    return search.noted(f"{cause.effect.name} {why}").without(cause)
 
 
 def _of_no_curve(task: DiagnosisTask, search: SearchState) -> SearchState:
     """The search without causes that stand for a nonlinearity which is none of them."""
-    for cause, why in stand_ins(task, search):
-        search = _dropped(search, cause, f"stands for what it is not: {why}")
-    return search
+    found = stand_ins(task, search)
+    for cause, why in found:
+        search = search.noted(f"{cause.effect.name} stands for what it is not: {why}")
+    return search.without(*(cause for cause, _ in found))
 
 
 def _of_no_accident(task: DiagnosisTask, search: SearchState) -> SearchState:
@@ -101,10 +99,15 @@ def _of_no_accident(task: DiagnosisTask, search: SearchState) -> SearchState:
     What a model is off by on every day bends to a change on one. A change that lasts, or happened
     again, is none of these.
     """
-    for cause in search.causes:
-        if may_recur(cause.effect) and _is_everyday(task, search, cause):
-            search = _dropped(search, cause, "explains less than unseen logs are wrong by as well")
+    while everyday := _everyday(task, search):
+        search = _dropped(search, everyday, "explains less than unseen logs are wrong by as well")
     return search
+
+
+def _everyday(task: DiagnosisTask, search: SearchState) -> Cause | None:
+    """The first change in one log that is none, beside what is wrong every day."""
+    changes = (cause for cause in search.causes if may_recur(cause.effect))
+    return next((cause for cause in changes if _is_everyday(task, search, cause)), None)
 
 
 def _is_everyday(task: DiagnosisTask, search: SearchState, cause: Cause) -> bool:

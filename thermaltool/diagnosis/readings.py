@@ -12,6 +12,10 @@ from thermaltool.fitting.averaging import Averages
 from thermaltool.record import Record
 from thermaltool.signals.resolution import resolution_step
 
+# Second differences are none below this share of the largest; readings stand still where more than
+# this share of them is none.
+ROUNDING, MAX_STILL = 1e-9, 0.1
+
 
 def hidden_in(log: Record, output: str) -> float:
     """White noise of a reading that a row does not show, being an average [unit of the output].
@@ -56,6 +60,20 @@ def as_readings(simulation: SimulatedLogs, output: str, series: Series) -> Float
         for log, each in zip(simulation.logs, series, strict=True)
     ]
     return simulation.groups[output].joined(scaled)
+
+
+def stand_still(simulation: SimulatedLogs, output: str) -> bool:
+    """Whether readings repeat so often that their differences say little of the noise.
+
+    Parameters
+    ----------
+    simulation : SimulatedLogs
+    output : str
+    """
+    logs = [log.columns[output] for log in simulation.logs if output in log.columns]
+    seconds = np.abs(np.concatenate([np.diff(values, 2) for values in logs]))
+    seconds = seconds[np.isfinite(seconds)]
+    return bool(np.mean(seconds <= ROUNDING * seconds.max(initial=0.0)) > MAX_STILL)
 
 
 def reading_step(log: Record, output: str) -> float:

@@ -263,7 +263,7 @@ def fit_candidate(hypothesis: Hypothesis, candidate: CauseCandidate) -> CauseCan
             value = float(np.exp(x)) if known.log else x
             if known.log and known.unit == "s":
                 # Faster than the samples is as fast as can be.
-                value = max(value, MIN_PERIODS * hypothesis.logs[0].period)
+                value = max(value, MIN_PERIODS * min(log.period for log in hypothesis.logs))
             values[name] = float(np.clip(value, known.low, known.high))
         return effect.changed(values)
 
@@ -321,7 +321,7 @@ def _first_step(hypothesis: Hypothesis, effect: Effect, name: str) -> float:
     """First step of a search of a parameter that is not searched by its logarithm."""
     known, value = effect.parameter(name), effect.parameters[name]
     if known.unit == "s" and effect.log is not None:
-        return max(log.duration for log in hypothesis.logs) / PARTS_OF_A_LOG
+        return hypothesis.simulation.duration_of(effect) / PARTS_OF_A_LOG
     step = RELATIVE_STEP * (abs(value - known.neutral) or 1.0)
     if not known.place:
         return step

@@ -18,11 +18,7 @@ from thermaltool.model import (
     Model,
     StartedOutput,
     acting_drives,
-    away_from_rest,
-    drive_rests,
     read_outputs,
-    relative,
-    rest_shifts,
     started_outputs,
     sum_terms,
     zero_of,
@@ -38,6 +34,8 @@ Mask = Mapping[tuple[str, str], NDArray[np.bool_]]  # of (digest of a log, outpu
 
 # A channel offers a place to a cause where more than this share of its rows has a value.
 MIN_SHARE_MEASURED = 0.5
+# An amplitude whose slope is taken moves some output by such a share of what it goes through.
+MIN_SLOPE, MAX_SLOPE = 1e-3, 0.3
 # A small move of what is not linear in a cause, relative.
 RELATIVE_MOVE = 0.02
 
@@ -264,14 +262,35 @@ class SimulatedLogs:
         for base in dict.fromkeys(reference_of(name)[0] for name in linear):
             neutral = effect.known[base].neutral
             others = {n: effect.parameter(n).neutral for n in linear if reference_of(n)[0] != base}
-            trial = {n: neutral + 1.0 for n in linear if reference_of(n)[0] == base}
-            changes = self.displacement(effect.changed({**others, **trial}))
-            for name in trial:
+            mine = [n for n in linear if reference_of(n)[0] == base]
+            changes = self._slope(effect.changed(others), mine, neutral)
+            for name in mine:
                 own = reference_of(name)[1]
                 reached = {o: s for o, s in changes.items() if own in (None, o)}
                 if reached:
                     result[name] = reached
         return result
+
+    def _slope(self, effect: Effect, names: Sequence[str], neutral: float) -> Changes:
+        """Change of every output by amplitudes of an effect, per unit of them."""
+
+        def by(amplitude: float) -> dict[str, Series]:
+            return self.displacement(effect.changed(dict.fromkeys(names, neutral + amplitude)))
+
+        found = by(1.0)
+        if not self.model.effects:
+            return found
+        # What bends behind it follows an amplitude of no machine elsewhere: a unit is one of many.
+        shares = [
+            float(np.nanmax(np.abs(self.groups[o].joined(series)))) / size
+            for o, series in found.items()
+            if (size := float(np.ptp(self.measured_rows(o)))) > 0
+        ]
+        largest = max(shares, default=0.0)
+        if not np.isfinite(largest) or MIN_SLOPE < largest < MAX_SLOPE or largest == 0:
+            return found
+        amplitude = np.sqrt(MIN_SLOPE * MAX_SLOPE) / largest
+        return {o: [each / amplitude for each in s] for o, s in by(amplitude).items()}
 
     def span(self, effect: Effect) -> dict[str, dict[str, Series]]:
         """Changes by each amplitude of a cause, and by a small move of what is not linear in it.
@@ -307,6 +326,11 @@ class SimulatedLogs:
                     break
         return found
 
+    def duration_of(self, effect: Effect) -> float:
+        """Length of the log in which an effect acts, the longest where it acts in all [s]."""
+        own = [log.duration for log in self.logs if effect.log in (None, log.digest)]
+        return max(own, default=0.0)
+
     def level(self, drive: str) -> float:
         """Largest value of a drive in these logs, relative to its reference; 1 where it rests."""
         return max(float(np.max(np.abs(each[drive]))) for each in self.inputs) or 1.0
@@ -314,41 +338,6 @@ class SimulatedLogs:
     def slowest(self, output: str) -> float:
         """Slowest time constant of the terms of an output [s]."""
         return max(t.response.slowest() for t in self.model.terms if t.output == output)
-
-    def away_from_rest(self) -> bool:
-        """Whether a log begins away from rest, by an output whose rest is known."""
-        for log in self.logs:
-            shifts = rest_shifts(self.model, drive_rests(self.model, log))
-            for o in self.model.outputs:
-                if o.offset != "first" and o.channel in self.groups and o.channel in log.columns:
-                    values = relative(log.columns[o.channel], o.offset)
-                    values = values[np.isfinite(values)] - shifts.get(o.channel, 0.0)
-                    if len(values) and away_from_rest(float(values[0]), o.range):
-                        return True
-        return False
-
-    def level_responses(self) -> list[dict[str, Series]]:
-        """Responses to the level of each drive with which each log begins.
-
-        How a machine came to be where a log begins with a drive on, nobody knows: what it would do
-        from rest under that level tells nothing.
-        """
-        found = []
-        bare = replace(self.model, effects=())
-        rest = {d.channel: 0.0 if d.reference == "first" else d.reference for d in bare.drives}
-        for k, log in enumerate(self.logs):
-            for channel in rest:
-                if self.inputs[k][channel][0] == 0:
-                    continue
-                columns = {c: np.full(len(log.time), r + (c == channel)) for c, r in rest.items()}
-                response = bare.simulate(Record(log.time, columns))
-                found.append(
-                    {
-                        o: [y if j == k else np.zeros(len(g)) for j, g in enumerate(self.logs)]
-                        for o, y in response.items()
-                    }
-                )
-        return found
 
     def scene(self, noise: Mapping[str, float], residuals: Mapping[str, Series]) -> Scene:
         """What the catalogue of causes sees.

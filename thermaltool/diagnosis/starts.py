@@ -3,12 +3,15 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from dataclasses import replace
 
 import numpy as np
 
 from thermaltool.diagnosis.simulation import Series, SimulatedLogs
 from thermaltool.effects.effect import Float
+from thermaltool.model import away_from_rest, drive_rests, relative, rest_shifts
 from thermaltool.model.initial_state import start_decays
+from thermaltool.record import Record
 from thermaltool.units import is_absolute
 
 # Decays whose sum follows a way to rest cancel each other: each may be so many times what the
@@ -103,3 +106,49 @@ def _beside(
         start = basis[:, 1:] @ weights[1:]
         found.append((start, float(np.mean((residual - start)[rows]))))
     return found
+
+
+def level_responses(runs: SimulatedLogs) -> list[dict[str, Series]]:
+    """Responses to the level of each drive with which each log begins.
+
+    How a machine came to be where a log begins with a drive on, nobody knows: what it would do
+    from rest under that level tells nothing.
+
+    Parameters
+    ----------
+    runs : SimulatedLogs
+    """
+    found = []
+    bare = replace(runs.model, effects=())
+    rest = {d.channel: 0.0 if d.reference == "first" else d.reference for d in bare.drives}
+    for k, log in enumerate(runs.logs):
+        for channel in rest:
+            if runs.inputs[k][channel][0] == 0:
+                continue
+            columns = {c: np.full(len(log.time), r + (c == channel)) for c, r in rest.items()}
+            response = bare.simulate(Record(log.time, columns))
+            found.append(
+                {
+                    o: [y if j == k else np.zeros(len(g)) for j, g in enumerate(runs.logs)]
+                    for o, y in response.items()
+                }
+            )
+    return found
+
+
+def begins_away(runs: SimulatedLogs) -> bool:
+    """Whether a log begins away from rest, by an output whose rest is known.
+
+    Parameters
+    ----------
+    runs : SimulatedLogs
+    """
+    for log in runs.logs:
+        shifts = rest_shifts(runs.model, drive_rests(runs.model, log))
+        for o in runs.model.outputs:
+            if o.offset != "first" and o.channel in runs.groups and o.channel in log.columns:
+                values = relative(log.columns[o.channel], o.offset)
+                values = values[np.isfinite(values)] - shifts.get(o.channel, 0.0)
+                if len(values) and away_from_rest(float(values[0]), o.range):
+                    return True
+    return False

@@ -10,16 +10,18 @@ import numpy as np
 
 from thermaltool.diagnosis.balance import is_slight
 from thermaltool.diagnosis.correction import corrected
+from thermaltool.diagnosis.effect_intervals import intervals_of
 from thermaltool.diagnosis.evidence import DECISIVE_EVIDENCE, STARTS, Assumptions
 from thermaltool.diagnosis.fit import CauseCandidate
 from thermaltool.diagnosis.hypothesis import Hypothesis
+from thermaltool.diagnosis.joint_fit import fitted_together
 from thermaltool.diagnosis.limits import USUAL_LIMITS, ExperimentLimits
 from thermaltool.diagnosis.long_logs import averaged_logs, rows_of
 from thermaltool.diagnosis.residual_budget import misfit_of
 from thermaltool.diagnosis.result import Alternative, Cause, Tried
 from thermaltool.diagnosis.select import Progress
 from thermaltool.diagnosis.severity import fraction_removed
-from thermaltool.diagnosis.simulation import Mask
+from thermaltool.diagnosis.simulation import Mask, without
 from thermaltool.diagnosis.validate import AcceptedCause
 from thermaltool.diagnosis.written import cannot_run, rezeroed, spoiled_by
 from thermaltool.effects.effect import Effect
@@ -219,13 +221,49 @@ class SearchState:
         *verdict : AcceptedCause
             What led there, where a candidate did.
         """
+        search = self.moved_to(after)
         return replace(
-            self,
-            hypothesis=after,
+            search,
             ended=after,
-            causes=(*self.causes, cause),
+            causes=(*search.causes, cause),
             verdicts=(*self.verdicts, *verdict),
         )
+
+    def without(self, *causes: Cause) -> SearchState:
+        """The same without some of its causes, the others fitted anew.
+
+        Parameters
+        ----------
+        *causes : Cause
+        """
+        model = self.hypothesis.model
+        for cause in causes:
+            model = without(model, cause.effect)
+        kept = tuple(c for c in self.causes if not any(c is gone for gone in causes))
+        search = replace(self, causes=kept)
+        if model is self.hypothesis.model:
+            return search
+        return replace(search, hypothesis=self.hypothesis.with_model(model)).refitted()
+
+    def refitted(self) -> SearchState:
+        """The same with its causes fitted beside one another."""
+        return self.moved_to(fitted_together(self.hypothesis))
+
+    def moved_to(self, after: Hypothesis) -> SearchState:
+        """The same with its causes as another hypothesis has them.
+
+        Parameters
+        ----------
+        after : Hypothesis
+            With the same effects in the same order, or some more at the end.
+        """
+        effects, causes = self.hypothesis.model.effects, list(self.causes)
+        for k, (old, new) in enumerate(zip(effects, after.model.effects, strict=False)):
+            for j, cause in enumerate(causes):
+                if cause.effect == old and new != old:
+                    causes[j] = replace(cause, effect=new, intervals=intervals_of(after, k))
+                    break
+        return replace(self, hypothesis=after, causes=tuple(causes))
 
     def written(self, task: DiagnosisTask) -> Model:
         """The model with the causes as a user gets it; as it came in where there are none.
@@ -314,8 +352,7 @@ class SearchState:
 
     def open(self) -> Hypothesis:
         """The accepted causes under the assumptions in which the last step ended."""
-        ended = self.ended
-        return replace(self.hypothesis, calibrated=ended.calibrated, assumptions=ended.assumptions)
+        return self.hypothesis.under(self.ended.assumptions, self.ended.calibrated)
 
 
 def judged_by(last: Hypothesis, task: DiagnosisTask, written: Model) -> Hypothesis:

@@ -15,10 +15,12 @@ from types import MappingProxyType
 import numpy as np
 
 from thermaltool.diagnosis.balance import MAX_SLIGHT, SLIGHT
+from thermaltool.diagnosis.effect_intervals import intervals_of
 from thermaltool.diagnosis.fit import CauseCandidate
 from thermaltool.diagnosis.gain import MIN_LOSS, Gain
 from thermaltool.diagnosis.held_out import held_out_gains
 from thermaltool.diagnosis.hypothesis import Hypothesis
+from thermaltool.diagnosis.joint_fit import fitted_together
 from thermaltool.diagnosis.residual_budget import MAX_TIMES_CALIBRATED
 from thermaltool.diagnosis.result import Cause
 from thermaltool.diagnosis.select import fit_candidate
@@ -102,6 +104,11 @@ def judge(
         gains = {} if faint else held_out_gains(alone, after)
         if not (faint or is_practical(before, gains, calibrated_misfit)):
             return None
+        if len(after.model.effects) > len(calibrated.effects) + 1:
+            # The causes before it stood for a part of it.
+            after = fitted_together(after)
+            candidate = replace(candidate, effect=after.model.effects[-1])
+            gains = {} if faint else held_out_gains(alone, after)
         new = after.written(calibrated)
         unseen = [log for log in unseen if cannot_run(new.model, log) is None]
         if faint and not unseen:
@@ -122,7 +129,7 @@ def judge(
             elif any(gain.spoiled for gain in there.values()):
                 return None
         noise = {o: before.white(o) for o in before.groups}
-        intervals = after.intervals(len(after.model.effects) - 1)
+        intervals = intervals_of(after, len(after.model.effects) - 1)
         if not _sure(candidate.effect, intervals) or _too_large(after, candidate.effect):
             return None
         share = explained(noise, gains)
@@ -155,8 +162,8 @@ def _sure(effect: Effect, intervals: Mapping[str, tuple[float, float]]) -> bool:
 
 def _any_slow_course(effect: Effect, hypothesis: Hypothesis) -> bool:
     """Whether an effect of one log is slow enough there to follow whatever is slow."""
-    longest = max(log.duration for log in hypothesis.logs)
-    return effect.log is not None and effect.course > longest / MAX_PERIODS_OF_COURSE
+    duration = hypothesis.simulation.duration_of(effect)
+    return effect.log is not None and effect.course > duration / MAX_PERIODS_OF_COURSE
 
 
 def _too_large(hypothesis: Hypothesis, effect: Effect) -> bool:

@@ -23,10 +23,11 @@ from thermaltool.model import Model, agreements
 from thermaltool.record import Record
 from thermaltool.signals.agreement import Agreement, agreement
 from thermaltool.signals.detrend import difference_sigma
+from thermaltool.units import is_temperature, kelvins
 
 # The zero of a sensor moves from so many times the RMS of what else is left.
 MIN_ZERO_MOVE = 5.0
-# ... and by no more than this [unit of the sensor], or than it moved in the calibration: two
+# ... and by no more than it moved in the calibration, a temperature by this [K] at most: two
 # thermocouples of class 2 and their converters differ by less.
 MAX_ZERO_MOVE = 10.0
 # What the fit of an output in a model file says of how it agrees with logs.
@@ -75,7 +76,8 @@ class WrittenStep:
 def steps_of(model: Model, extended: Model, causes: Sequence[Effect]) -> list[Model]:
     """The model that came in, and with one cause more at a time, up to the extended one.
 
-    What else the extended model changes, it changes with the first cause.
+    What else the extended model changes, it changes with the first cause; outliers, which are left
+    out of the readings, are none.
 
     Parameters
     ----------
@@ -84,6 +86,9 @@ def steps_of(model: Model, extended: Model, causes: Sequence[Effect]) -> list[Mo
     """
     models = [model]
     for k in range(len(causes)):
+        if all(cause.name == "outliers" for cause in causes[: k + 1]):
+            models.append(model)
+            continue
         rest = tuple(e for e in extended.effects if e not in causes[k + 1 :])
         models.append(replace(extended, effects=rest))
     return models
@@ -179,7 +184,9 @@ def rezeroed(model: Model, logs: Sequence[Record], masked: Mask) -> Model:
             own = [r[k] for r, k in zip(residual, groups.rows, strict=True) if len(k)]
             off = np.array([np.mean(each) for each in own])
             least = max(MIN_ZERO_MOVE * max(float(np.std(each)) for each in own), np.ptp(off))
-            most = max(float(np.ptp(o.range)), MAX_ZERO_MOVE)
+            most = float(np.ptp(o.range))
+            if is_temperature(o.channel):
+                most = max(most, MAX_ZERO_MOVE / kelvins(o.channel))
             if np.min(np.abs(off)) > least and np.max(np.abs(off)) < most:
                 o = replace(o, offset=o.offset + float(np.mean(off)))
         outputs.append(o)

@@ -9,7 +9,7 @@ from thermaltool.effects.effect import Effect, Float, Memory, Outputs, Parameter
 from thermaltool.effects.heat_capacity import MAX_PER_KELVIN
 from thermaltool.effects.scene import Scene
 from thermaltool.record import Record
-from thermaltool.units import is_temperature
+from thermaltool.units import is_temperature, kelvins
 
 
 class Conductivity(Effect):
@@ -50,7 +50,7 @@ class Conductivity(Effect):
 
     def plausible(self, scene: Scene) -> bool:
         # Kirchhoff's curvature is half of what k changes by.
-        most = MAX_PER_KELVIN / 2 * scene.reach(self.channel)
+        most = MAX_PER_KELVIN / 2 * scene.reach(self.channel) * kelvins(self.channel)
         named = ((reference_of(name)[1], value) for name, value in self.parameters.items())
         return all(abs(value) * scene.reach(o) <= most for o, value in named if o is not None)
 

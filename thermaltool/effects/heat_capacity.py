@@ -11,7 +11,7 @@ from thermaltool.effects.effect import Effect, Float, Memory, Outputs, Parameter
 from thermaltool.effects.scene import Scene
 from thermaltool.errors import ModelError
 from thermaltool.record import Record
-from thermaltool.units import is_temperature
+from thermaltool.units import is_temperature, kelvins
 
 # No solid far from a transition changes by more of itself for each kelvin [1/K].
 MAX_PER_KELVIN = 0.005
@@ -55,7 +55,7 @@ class HeatCapacity(Effect):
         return 1.0 / np.maximum(1.0 + self.parameters["rise"] * share, LEAST)
 
     def plausible(self, scene: Scene) -> bool:
-        low, high = self.ends(self.parameters["level"])
+        low, high = self.ends(self.parameters["level"] * kelvins(self.channel))
         return low <= self.parameters["rise"] <= high
 
     @classmethod

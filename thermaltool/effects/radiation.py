@@ -13,7 +13,7 @@ from thermaltool.effects.effect import Effect, Float, Memory, Outputs, Parameter
 from thermaltool.effects.scene import Scene
 from thermaltool.errors import ModelError
 from thermaltool.record import Record
-from thermaltool.units import ABSOLUTE_ZERO, is_absolute, is_temperature, parse_channel
+from thermaltool.units import ABSOLUTE_ZERO, is_absolute, is_temperature, kelvins, parse_channel
 
 # 0 degC [K].
 KELVIN = -ABSOLUTE_ZERO
@@ -95,7 +95,7 @@ class Radiation(Effect):
             return _read(record, self.channel, memory)
         if self.channel not in outputs:
             raise ModelError(f"{self.name}: needs the output {self.channel}, which is not there")
-        return rest + KELVIN, outputs[self.channel]
+        return rest + KELVIN, outputs[self.channel] * kelvins(self.channel)
 
     @classmethod
     def probes(cls, scene: Scene) -> Iterator[Effect]:

@@ -13,6 +13,7 @@ from thermaltool.effects.heat_capacity import HeatCapacity
 from thermaltool.effects.natural_convection import NaturalConvection
 from thermaltool.effects.radiation import Radiation, radiative_excess
 from thermaltool.effects.sensor_conversion import SensorConversion
+from thermaltool.units import kelvins
 
 LawName = tuple[str, str]  # effect, channel
 
@@ -111,7 +112,7 @@ class Law:
         known = self.effect.known[form]
         low, high = known.low, known.high
         if self.effect is HeatCapacity:
-            low, high = HeatCapacity.ends(self.level)
+            low, high = HeatCapacity.ends(self.level * kelvins(self.channel))
         return self.place(form, low), self.place(form, high)
 
     @property
@@ -119,5 +120,6 @@ class Law:
         """The rate of a loss at one in the search [1/s]."""
         beyond = 1.0
         if self.effect is Radiation:
-            beyond = float(radiative_excess(self.rest, np.array([self.level]))[0])
+            hottest = np.array([self.level * kelvins(self.channel)])
+            beyond = float(radiative_excess(self.rest, hottest)[0])
         return LOSS_SCALE / (self.slowest * beyond)
