@@ -31,7 +31,12 @@ from thermaltool.fitting.output_fit import OutputFit, fit_output
 from thermaltool.fitting.projection import GridStates
 from thermaltool.fitting.response_choice import choose_response
 from thermaltool.fitting.seen_changes import with_seen_changes
-from thermaltool.fitting.start_choice import begins_away_from_rest, free_where_known, rests
+from thermaltool.fitting.start_choice import (
+    begins_away_from_rest,
+    free_where_known,
+    lack_surroundings,
+    rests,
+)
 from thermaltool.fitting.zeros import with_zeros
 from thermaltool.model import (
     Drive,
@@ -131,7 +136,8 @@ def calibrate(
         progress("trying whether the machine begins at rest")
         chosen = [each for each in kinds if plan.chosen(each.output)]
         still = all(rests(r, commanded, [each.output for each in chosen]) for r in measured)
-        if not still and begins_away_from_rest(records, drives, chosen, effects, plan.fixed):
+        asked = lack_surroundings(chosen, drives) if still else chosen
+        if begins_away_from_rest(records, drives, asked, effects, plan.fixed):
             with contextlib.suppress(FitError):
                 free = calibrate(measured, replace(plan, initial="free"), progress)
                 # How a log begins, `simulate` decides for all outputs.

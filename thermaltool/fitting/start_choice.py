@@ -16,6 +16,7 @@ from thermaltool.fitting.acting_record import acting_records
 from thermaltool.fitting.averaging import row_noise
 from thermaltool.fitting.discrepancy import calibration_error
 from thermaltool.fitting.hold_choice import ChosenKinds
+from thermaltool.fitting.projection import surroundings
 from thermaltool.fitting.response_search import KindSearch
 from thermaltool.fitting.sound_kinds import DECISIVE
 from thermaltool.fitting.start_state import stands_still
@@ -36,7 +37,8 @@ def begins_away_from_rest(
 ) -> bool:
     """Whether the same kinds of response with a free state at the first rows leave far less.
 
-    Not to be asked where all `rests` at first, whatever else a free state may explain.
+    Not to be asked where all `rests` at first, whatever else a free state may explain; but for
+    outputs that `lack_surroundings`, which count with what these do beside a free state.
 
     Parameters
     ----------
@@ -51,21 +53,52 @@ def begins_away_from_rest(
     acting, zeroed = acting_records(records, drives, effects)
     evidence, explained = 0.0, False
     for each in chosen:
-        own = [zeroed[d] for d in each.drives]
-        started = KindSearch(acting, own, each.output, True, fixed, {}, each.equilibrium)
-        free = each.fitted(started)
+        whole = _with_surroundings(each, zeroed)
+        own, held = ([zeroed[d] for d in kinds.drives] for kinds in (whole, each))
+        started = KindSearch(acting, own, each.output, True, fixed, {}, whole.equilibrium)
+        free = whole.fitted(started)
         # Of the same rows: what decays at first is no outlier.
-        rest = each.fitted(started.from_rest())
+        rested = started.from_rest()
+        if whole is not each:
+            rested = rested.driven_by(held).out_of_equilibrium()
+        rest = each.fitted(rested)
         if rest is None or free is None or not rest.size:
             continue
         noise = max(row_noise(r, each.output) for r in records) ** 2
         size, left = (float(np.mean(fit.residual**2)) - noise for fit in (rest, free))
         explained |= _explained_by_start(size, left, noise)
         floor, rows = np.finfo(float).tiny, free.independent
-        decays = free.data.problem.decays(free.search.parametrization.gains)
+        price = free.data.problem.decays(free.search.parametrization.gains)
+        price += free.parameters - rest.parameters
         evidence += rows * float(np.log(rest.size / max(free.size, floor)))
-        evidence -= decays * float(np.log(rows))
+        evidence -= price * float(np.log(rows))
     return explained and evidence > DECISIVE
+
+
+def lack_surroundings(chosen: Sequence[ChosenKinds], drives: Sequence[Drive]) -> list[ChosenKinds]:
+    """Temperatures whose kinds leave out the temperature of their surroundings.
+
+    What is warm in a room follows it. Records that seem to say otherwise may begin on a machine
+    that was still on its way to it.
+
+    Parameters
+    ----------
+    chosen : sequence of ChosenKinds
+    drives : sequence of Drive
+    """
+    return [each for each in chosen if _with_surroundings(each, drives) is not each]
+
+
+def _with_surroundings(each: ChosenKinds, drives: Sequence[Drive]) -> ChosenKinds:
+    """The same kinds, and a lag of the surroundings that they leave out."""
+    lacking = [d for d in surroundings(drives, each.output) if d not in each.drives]
+    if not lacking:
+        return each
+    kind = each.kinds[0] if each.common else "rational1"
+    own = [*zip(each.drives, each.kinds, each.delays, strict=True)]
+    own = sorted([*own, *((d, kind, 0.0) for d in lacking)])
+    of, kinds, delays = (tuple(column) for column in zip(*own, strict=True))
+    return replace(each, drives=of, kinds=kinds, delays=delays, equilibrium=True)
 
 
 def _explained_by_start(rested: float, free: float, noise: float) -> bool:
