@@ -154,3 +154,40 @@ def test_gains_from_rest_that_leave_what_a_start_explains_are_no_better_known():
     )
     unsure = with_open_gains(with_open_gains(free, OUTPUTS[0]), OUTPUTS[1])
     assert starts_free(free_where_known(unsure, rested)) == {True}
+
+
+def warm_in_a_room(seed, warm):
+    """A bearing on a bed in a room that drifts, all `warm` [K] warmer than it at first."""
+    rng = np.random.default_rng([2811, seed])
+    step, rows = 10.0, 1800
+    time = step * np.arange(rows)
+    power = np.repeat(rng.permutation(np.repeat([0.0, 0.3, 0.6, 1.0], 5)), 90)
+    power[:30] = 0.0
+    room = 2.0 * np.sin(2 * np.pi * (time / 16000.0 + rng.uniform())) - 1e-4 * time
+    room -= room[0]
+    bearing = bed = warm
+    found = np.empty(rows)
+    for k in range(rows):
+        found[k] = bearing
+        for _ in range(10):
+            flow = 5.0 * (bearing - bed)
+            bearing += 0.1 * step * (70.0 * power[k] - flow - 0.7 * (bearing - room[k])) / 4000.0
+            bed += 0.1 * step * (flow - 22.0 * (bed - room[k])) / 60000.0
+    noise = 0.03 * rng.standard_normal(rows)
+    columns = {"P_pad_W": power, "T_room_degC": 21.0 + room, "T_nut_degC": 21.0 + found + noise}
+    return Record(time, columns, digest=f"room {seed}")
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize(("seed", "warm"), [(1, 1.5), (3, 1.5), (4, -1.0), (6, 0.0)])
+def test_a_machine_still_on_its_way_to_its_room_follows_the_room(seed, warm):
+    """It hardly moves before the drive does, and from rest a slow response to the room does."""
+    plan = replace(PLAN, drives=(DRIVE, "T_room_degC"), sensors=("T_nut_degC",))
+    model = calibrate([warm_in_a_room(seed, warm)], plan)
+    assert starts_free(model) == {warm != 0}
+    gains = {term.drive: term.response.dc_gain() for term in model.terms}
+    assert gains["T_room_degC"] == pytest.approx(1.0, abs=0.01)
+    through_bed = 1 / (1 / 5.0 + 1 / 22.0)
+    assert gains[DRIVE] == pytest.approx(70.0 / (0.7 + through_bed), rel=0.02)
+    another = warm_in_a_room(seed + 10, 0.0)
+    assert agreements(model, [another])["T_nut_degC"].rmse < 2 * 0.03

@@ -28,15 +28,10 @@ from thermaltool.fitting.kind_candidate import (
 from thermaltool.fitting.law_choice import explain, laws_of
 from thermaltool.fitting.laws import LOSSES
 from thermaltool.fitting.output_fit import OutputFit, fit_output
-from thermaltool.fitting.projection import GridStates
+from thermaltool.fitting.projection import GridStates, surroundings
 from thermaltool.fitting.response_choice import choose_response
 from thermaltool.fitting.seen_changes import with_seen_changes
-from thermaltool.fitting.start_choice import (
-    begins_away_from_rest,
-    free_where_known,
-    lack_surroundings,
-    rests,
-)
+from thermaltool.fitting.start_choice import begins_away_from_rest, free_where_known, rests
 from thermaltool.fitting.zeros import with_zeros
 from thermaltool.model import (
     Drive,
@@ -136,7 +131,7 @@ def calibrate(
         progress("trying whether the machine begins at rest")
         chosen = [each for each in kinds if plan.chosen(each.output)]
         still = all(rests(r, commanded, [each.output for each in chosen]) for r in measured)
-        asked = lack_surroundings(chosen, drives) if still else chosen
+        asked = [each for each in chosen if not still or surroundings(drives, each.output)]
         if begins_away_from_rest(records, drives, asked, effects, plan.fixed):
             with contextlib.suppress(FitError):
                 free = calibrate(measured, replace(plan, initial="free"), progress)

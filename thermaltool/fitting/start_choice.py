@@ -17,8 +17,8 @@ from thermaltool.fitting.averaging import row_noise
 from thermaltool.fitting.discrepancy import calibration_error
 from thermaltool.fitting.hold_choice import ChosenKinds
 from thermaltool.fitting.projection import surroundings
-from thermaltool.fitting.response_search import KindSearch
-from thermaltool.fitting.sound_kinds import DECISIVE
+from thermaltool.fitting.response_search import FittedKinds, KindSearch
+from thermaltool.fitting.sound_kinds import DECISIVE, criterion
 from thermaltool.fitting.start_state import stands_still
 from thermaltool.model import Drive, Model, characteristics, relative
 from thermaltool.record import Record
@@ -26,6 +26,10 @@ from thermaltool.record import Record
 # Of the squared error beyond the noise of some output, where that is larger than the noise, a free
 # start leaves at most this share: it stands in for slow lags and curves, too, which leave more.
 MAX_LEFT_BY_START = 0.25
+# ... or, where the surroundings are known, no more than so many times the noise in all.
+MAX_LEFT_AT_NOISE = 1.2
+# Kinds of which all drives may share the lags.
+ONE_BODY = ("rational2", "rational3")
 
 
 def begins_away_from_rest(
@@ -38,7 +42,9 @@ def begins_away_from_rest(
     """Whether the same kinds of response with a free state at the first rows leave far less.
 
     Not to be asked where all `rests` at first, whatever else a free state may explain; but for
-    outputs that `lack_surroundings`, which count with what these do beside a free state.
+    temperatures of known `surroundings`. On its way to these a machine hardly moves at first, and
+    what it brings along passes for a response to them that no body has: there the lags of one body
+    are tried, too.
 
     Parameters
     ----------
@@ -53,52 +59,40 @@ def begins_away_from_rest(
     acting, zeroed = acting_records(records, drives, effects)
     evidence, explained = 0.0, False
     for each in chosen:
-        whole = _with_surroundings(each, zeroed)
-        own, held = ([zeroed[d] for d in kinds.drives] for kinds in (whole, each))
-        started = KindSearch(acting, own, each.output, True, fixed, {}, whole.equilibrium)
-        free = whole.fitted(started)
+        around = surroundings(zeroed, each.output)
+        own = sorted({*each.drives, *around})
+        started = KindSearch(
+            acting, [zeroed[d] for d in own], each.output, True, fixed, {}, bool(around)
+        )
+        held = started.driven_by([zeroed[d] for d in each.drives])
+        held = held if each.equilibrium else held.out_of_equilibrium()
         # Of the same rows: what decays at first is no outlier.
-        rested = started.from_rest()
-        if whole is not each:
-            rested = rested.driven_by(held).out_of_equilibrium()
-        rest = each.fitted(rested)
-        if rest is None or free is None or not rest.size:
+        rest = each.fitted(held.from_rest())
+        found = [each.fitted(held)] if own == [*each.drives] else []
+        found += [_one_body(started, kind) for kind in ONE_BODY] if around else []
+        frees = [each for each in found if each is not None]
+        if rest is None or not frees or not rest.size:
             continue
+        rows = min(fit.independent for fit in frees)
+        free = min(frees, key=lambda fit: criterion(fit, rows) + _price(fit, rows))
         noise = max(row_noise(r, each.output) for r in records) ** 2
         size, left = (float(np.mean(fit.residual**2)) - noise for fit in (rest, free))
         explained |= _explained_by_start(size, left, noise)
-        floor, rows = np.finfo(float).tiny, free.independent
-        price = free.data.problem.decays(free.search.parametrization.gains)
-        price += free.parameters - rest.parameters
-        evidence += rows * float(np.log(rest.size / max(free.size, floor)))
-        evidence -= price * float(np.log(rows))
+        explained |= bool(around) and left < (MAX_LEFT_AT_NOISE**2 - 1) * noise
+        evidence += criterion(rest, rows) - criterion(free, rows) - _price(free, rows)
     return explained and evidence > DECISIVE
 
 
-def lack_surroundings(chosen: Sequence[ChosenKinds], drives: Sequence[Drive]) -> list[ChosenKinds]:
-    """Temperatures whose kinds leave out the temperature of their surroundings.
-
-    What is warm in a room follows it. Records that seem to say otherwise may begin on a machine
-    that was still on its way to it.
-
-    Parameters
-    ----------
-    chosen : sequence of ChosenKinds
-    drives : sequence of Drive
-    """
-    return [each for each in chosen if _with_surroundings(each, drives) is not each]
+def _one_body(task: KindSearch, kind: str) -> FittedKinds | None:
+    """A kind whose lags all drives share; None where it is none of a machine."""
+    own = task.fit((kind,) * len(task.drives), (0.0,) * len(task.drives), common=True)
+    return None if own is None or own.soundness.flaw else own
 
 
-def _with_surroundings(each: ChosenKinds, drives: Sequence[Drive]) -> ChosenKinds:
-    """The same kinds, and a lag of the surroundings that they leave out."""
-    lacking = [d for d in surroundings(drives, each.output) if d not in each.drives]
-    if not lacking:
-        return each
-    kind = each.kinds[0] if each.common else "rational1"
-    own = [*zip(each.drives, each.kinds, each.delays, strict=True)]
-    own = sorted([*own, *((d, kind, 0.0) for d in lacking)])
-    of, kinds, delays = (tuple(column) for column in zip(*own, strict=True))
-    return replace(each, drives=of, kinds=kinds, delays=delays, equilibrium=True)
+def _price(free: FittedKinds, rows: float) -> float:
+    """What the decays of a free start cost in the criterion."""
+    decays = free.data.problem.decays(free.search.parametrization.gains)
+    return decays * float(np.log(rows))
 
 
 def _explained_by_start(rested: float, free: float, noise: float) -> bool:
