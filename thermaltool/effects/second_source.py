@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterator
+from itertools import combinations
 from typing import ClassVar
 
 import numpy as np
@@ -13,18 +14,21 @@ from thermaltool.effects.effect import Effect, Float, Memory, Parameter, referen
 from thermaltool.effects.scene import Scene
 from thermaltool.effects.source import HeatSource
 from thermaltool.record import Record
-from thermaltool.units import parse_channel
+from thermaltool.units import is_temperature, parse_channel
 
 # A source that nobody logged is switched on after this share of a log at the earliest, and of its
 # own time constant: before, it is the state in which the machine was found.
 MIN_START, MIN_LATER = 0.01, 0.3
+# Instants of a log between which one is tried that was on for a while.
+WINDOWS = 9
 
 
 class SecondSource(HeatSource):
     """A channel beside the drives warms the machine through one first-order lag or two.
 
     A latent source has no channel: it is switched on at `start` in one log, and every output
-    approaches `gain` (then in its own unit) with the time constant.
+    approaches `gain` (then in its own unit) with the time constant; at `stop`, where there is one,
+    it is switched off again.
     """
 
     name: ClassVar[str] = "second_source"
@@ -35,10 +39,6 @@ class SecondSource(HeatSource):
     action: ClassVar[str] = (
         "look at what warms with {channel}: it adds {gain} to {output}; insulate it, or "
         "leave the column in every log so that the model follows it"
-    )
-    action_unlogged: ClassVar[str] = (
-        "look for what was switched on {start} into the log (pump, light, bearing, another "
-        "machine): it moves {output} by up to {moves}; log it in a column of its own"
     )
     signature: ClassVar[str] = (
         "the residual follows another channel of the log through a lag, or starts to rise in "
@@ -51,7 +51,24 @@ class SecondSource(HeatSource):
         "slow_gain": Parameter("{output}/{channel}", linear=True),
         "slow_time_constant": Parameter("s", low=0.0, high=1e6, log=True),
         "start": Parameter("s", low=0.0),
+        "stop": Parameter("s", low=0.0),
     }
+
+    @property
+    def action_unlogged(self) -> str:  # type: ignore[override]
+        return (
+            f"look for what was switched {self._switched} (pump, light, bearing, another machine): "
+            "it moves {output} by up to {moves}; log it in a column of its own"
+        )
+
+    @property
+    def _switched(self) -> str:
+        """What happened to a source that nobody logged, and when."""
+        if "stop" in self.parameters:
+            return "on {start} into the log and off at {stop}"
+        gains = {reference_of(n)[1]: v for n, v in self.parameters.items() if n != "start"}
+        warms = sum(np.sign(v) for o, v in gains.items() if o is not None and is_temperature(o))
+        return "off {start} into the log" if warms < 0 else "on {start} into the log"
 
     def unit(self, name: str) -> str:
         """Unit of a parameter; a source that nobody logged has none of its own.
@@ -67,8 +84,15 @@ class SecondSource(HeatSource):
 
     def unlogged(self, name: str, record: Record, memory: Memory = None) -> Float | float:
         gain = self.parameters.get(f"gain[{name}]", 0.0)
-        since = np.maximum(record.time - self.parameters["start"], 0.0)
-        return -gain * np.expm1(-since / self.parameters["time_constant"])
+        tau = self.parameters["time_constant"]
+
+        def on_from(instant: float) -> Float:
+            return np.asarray(-np.expm1(-np.maximum(record.time - instant, 0.0) / tau))
+
+        found = on_from(self.parameters["start"])
+        if "stop" in self.parameters:
+            found = found - on_from(self.parameters["stop"])
+        return gain * found
 
     def plausible(self, scene: Scene) -> bool:
         if self.channel:
@@ -85,7 +109,20 @@ class SecondSource(HeatSource):
         tau = self.parameters["time_constant"]
         later = self.parameters["start"] - began > max(MIN_START * (seen - began), MIN_LATER * tau)
         lasting = seen - self.parameters["start"]
-        return reached and later and tau < lasting
+        return reached and later and tau < lasting and self._stops_within(began, seen)
+
+    def _stops_within(self, began: float, seen: float) -> bool:
+        """Whether it is switched off, where it is, while the log shows both; what warms is hot."""
+        stop = self.parameters.get("stop")
+        if stop is None:
+            return True
+        least = MIN_START * (seen - began)
+        warms = all(
+            gain >= 0
+            for name, gain in self.parameters.items()
+            if (output := reference_of(name)[1]) is not None and is_temperature(output)
+        )
+        return warms and stop - self.parameters["start"] > least and seen - stop > least
 
     @classmethod
     def probes(cls, scene: Scene) -> Iterator[Effect]:
@@ -96,3 +133,7 @@ class SecondSource(HeatSource):
             for tau in time_constants(10 * log.period, log.duration, 4):
                 for start in scene.instants(log, 15):
                     yield cls("", {**gains, "time_constant": tau, "start": start}, log.digest)
+            for tau in time_constants(10 * log.period, log.duration, 3):
+                for start, stop in combinations(scene.instants(log, WINDOWS), 2):
+                    window = {"time_constant": tau, "start": start, "stop": stop}
+                    yield cls("", {**gains, **window}, log.digest)
