@@ -77,6 +77,18 @@ def test_what_decays_at_once_is_a_start_beside_a_room_that_swings(period, start,
     assert found[1] == {how}
 
 
+@pytest.mark.parametrize("onset", [1600.0, 2000.0, 2500.0])
+def test_what_begins_long_after_the_first_row_is_no_start(onset):
+    """Heat that comes later and stays: decays and a free zero follow it, and none was there."""
+    own = Output(Z, "deflection", "first", (0.0, 40.0))
+    model = replace(MODEL, outputs=(own,), terms=(Term(HEAT, Z, Rational1(40.0, 600.0)),))
+    y = lag(LEVELS, 40.0, 600.0, 0.0) + lag(np.where(onset < TIME, 1.0, 0.0), 12.0, 600.0, 0.0)
+    y = y + SIGMA * np.random.default_rng(9).standard_normal(1200)
+    wrong = Record(TIME, {HEAT: LEVELS, Z: y}, digest="log")
+    assert begins(wrong, model=model)[1] == {"rest"}
+    assert agreements(model, [wrong])[Z].rmse > 0.5 * 12.0
+
+
 def test_all_outputs_begin_as_the_machine_does():
     hardly = log(before=60.0)
     found, how = begins(hardly.with_columns({T: log(before=2000.0).columns[T]}))

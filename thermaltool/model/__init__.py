@@ -17,7 +17,8 @@ from thermaltool.model.document import (
     Role,
     Term,
 )
-from thermaltool.model.initial_state import Start, StartedOutput, agreements, started_outputs
+from thermaltool.model.initial_state import Start, StartedOutput, started_outputs
+from thermaltool.model.model_agreement import agreements
 from thermaltool.model.model_file import dumps, from_document, loads, to_document
 from thermaltool.model.rest import (
     Zero,

@@ -8,7 +8,7 @@ with a log.
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping
 from dataclasses import dataclass
 from functools import cached_property
 from typing import TYPE_CHECKING, Literal
@@ -22,7 +22,6 @@ from thermaltool.model.rest import Zero, drive_rests, rest_shifts, zero_of
 from thermaltool.model.simulate import Course, acting_drives, acting_effects, sum_terms
 from thermaltool.record import Record, Rows
 from thermaltool.responses.modes import Float
-from thermaltool.signals.agreement import Agreement, agreement
 
 if TYPE_CHECKING:
     from thermaltool.model.document import Model, Output
@@ -47,6 +46,9 @@ START_TIME_CONSTANTS = (1.5, 1.0, 0.6, 0.35, 0.2, 0.1, 0.05, 0.02, 0.01, 0.005)
 # that decays at once is little of a long log): else a drift goes on there.
 # Asked in so many of its slowest time constants, of so many readings for each state.
 MAX_LEFT_BY_STATE, MIN_TIME_CONSTANTS, MIN_ROWS_PER_STATE = 0.35, 2.0, 10
+# ... and what it does later than so many of the slowest time constants is this share of all at
+# most: what begins there is no start.
+MAX_LATE, LATE_TIME_CONSTANTS = 0.5, 2.0
 # ... and less than this share of what any other responses to the commanded drives leave: where one
 # acts once, as the log begins, a wrong gain looks like a start.
 MAX_LEFT_BESIDE_DRIVES = 0.5
@@ -268,12 +270,19 @@ class _FreeState:
         left, early, late = off - table @ found, off[: len(off) // 4], off[len(off) // 2 :]
         most = MAX_LEFT_BY_STATE * float(np.std(off))
         explains = float(np.std(left)) < most
+        explains &= self._begins_at_once((found / size)[: len(decays)] @ decays, rows)
         if explains:
             other = float(np.std(self._without_drives(off, rows)))
             explains = float(np.std(left)) < MAX_LEFT_BESIDE_DRIVES * other
         reaches = float(np.std(left)) < MAX_LEFT_BY_STATE * float(np.sqrt(np.mean(off**2)))
         is_over = float(np.std(late)) < max(most, MAX_LEFT_BY_STATE * float(np.std(early)))
         return _StateFit(self, found / size, reaches, explains, is_over)
+
+    def _begins_at_once(self, decay: Float, rows: NDArray[np.intp]) -> bool:
+        """Whether most of a way to rest lies in the first time constants."""
+        ahead = np.abs(decay - decay[-1])
+        late = self.course.clock[rows] > LATE_TIME_CONSTANTS * self.slowest
+        return float(np.max(ahead[late], initial=0.0)) <= MAX_LATE * float(np.max(ahead))
 
     def _without_drives(self, off: Float, rows: NDArray[np.intp]) -> Float:
         """What is left of the errors where the responses to the drives are others."""
@@ -365,36 +374,3 @@ def mode_decays(model: Model, channel: str, elapsed: Float) -> list[Float]:
                 if len(columns) > MAX_FREE_MODES:
                     return []
     return columns
-
-
-def agreements(
-    model: Model,
-    records: Sequence[Record],
-    outputs: Sequence[Output] | None = None,
-    initial: Start = "auto",
-) -> dict[str, Agreement]:
-    """Agreement of every output over all records, as `simulate` has it.
-
-    Parameters
-    ----------
-    model : Model
-    records : sequence of Record
-        With the drives, what the effects need, and the outputs.
-    outputs : sequence of Output, optional
-        Default: all of the model.
-    initial : {"auto", "rest", "free"}
-        See `started_outputs`.
-    """
-    runs = [
-        (record, started_outputs(model, record, model.simulate(record), initial))
-        for record in records
-    ]
-    return {
-        o.channel: agreement(
-            np.concatenate(
-                [record.column(o.channel) - run[o.channel].zero.value for record, run in runs]
-            ),
-            np.concatenate([run[o.channel].computed for _, run in runs]),
-        )
-        for o in (model.outputs if outputs is None else outputs)
-    }
