@@ -249,7 +249,7 @@ def diagnose(
     from thermaltool.diagnosis.diagnose import diagnose as run
     from thermaltool.diagnosis.limits import limits_of
     from thermaltool.diagnosis.severity import tolerances_of
-    from thermaltool.model.validity import unit_suspects
+    from thermaltool.model.validity import ABSOLUTE_UNITS, unit_suspects
     from thermaltool.report.text import range_messages, unit_message
 
     found = as_model(model)
@@ -266,10 +266,9 @@ def diagnose(
         if len(log) < MIN_ROWS:
             few = f"{counted(len(log), 'row')}: too few to judge a model by, {MIN_ROWS} at least"
             raise LogError(few, log.name)
-        # What a unit makes of a log is no cause. A dead probe or a drive at rest may look so, too;
-        # a drive that is a thousand times as large does not.
+        # What a unit makes of a log is no cause. A dead probe may look so, too.
         for suspect in unit_suspects(found, log.columns):
-            if suspect.channel in drives and suspect.logged > suspect.seen:
+            if suspect.channel in drives or suspect.unit in ABSOLUTE_UNITS:
                 raise LogError(unit_message(suspect), log.name)
         for output in found.outputs:
             if output.channel not in log.columns:

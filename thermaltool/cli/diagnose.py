@@ -111,6 +111,8 @@ def command(
     if not quiet:
         first, newline, rest = table.partition("\n")
         warn(coloured(first, fg=color, bold=True) + newline + rest)
+        if output is not None and not refused and not found.diagnosis.extends:
+            warn(f"{output}: the model as it came, nothing extends it")
     if refused:
         warn(f"{output} is not written: {refused} would be worse than by {model}")
     if fail_above is not None:

@@ -26,6 +26,8 @@ from thermaltool.record import Record
 # Thresholds that are tried, and how far below them it is switched off, as shares of the range that
 # the temperature goes through.
 THRESHOLDS, BANDS = (0.3, 0.5, 0.7), (0.1, 0.3)
+# A machine is warm from this share of the range on; what is on for more of that time is no switch.
+WARM, MAX_ON = 0.1, 0.9
 # At the place of the thermostat itself many more are looked at, the likeliest ones closely, and so
 # many tried in full, with so many lags each.
 NEAR_THRESHOLDS, NEAR_BANDS = np.linspace(0.1, 0.98, 31).tolist(), (0.02, 0.06, 0.12, 0.2, 0.32)
@@ -85,9 +87,26 @@ class SwitchingLoss(HeatLoss):
         rises = self.parameters["off"] <= self.parameters["on"]
         if not (rises and super().plausible(scene)):
             return False
+        if not self._switches(scene):
+            return False
         if self.partner is not None:
             return self.total(self.partner) < 0
         return is_plausible_rate(self.parameters["rate"], scene)
+
+    def _switches(self, scene: Scene) -> bool:
+        """Whether it is off for a part of the time in which the machine is warm.
+
+        What is on whenever heat could be lost is another loss, and no thermostat.
+        """
+        states, readings = [], []
+        for log in scene.logs:
+            if self.channel in log.columns:
+                states.append(self.state(log))
+                readings.append(log.columns[self.channel])
+        state, reading = (np.concatenate(each) for each in (states, readings))
+        low, high = np.nanquantile(reading, (0.01, 0.99)).tolist()
+        warm = state[reading > low + WARM * (high - low)]
+        return not len(warm) or float(np.mean(warm)) < MAX_ON
 
     @classmethod
     def probes(cls, scene: Scene) -> Iterator[Effect]:

@@ -26,7 +26,18 @@ if TYPE_CHECKING:
 
 @dataclass(frozen=True)
 class Excursion:
-    """Where a channel leaves the range that the calibration has seen, both as the log counts."""
+    """Where a channel leaves the range that the calibration has seen.
+
+    Attributes
+    ----------
+    channel : str
+    rows, first : int
+        How many are outside, and the first of them.
+    value, low, high : float [unit of the channel]
+        There, and the range, as the log counts.
+    rest : float or None [unit of the channel]
+        The first reading from which both count; None where they count from a fixed value.
+    """
 
     channel: str
     rows: int
@@ -34,6 +45,7 @@ class Excursion:
     value: float
     low: float
     high: float
+    rest: float | None = None
 
 
 @dataclass(frozen=True)
@@ -61,6 +73,8 @@ SAME_SIZE, UNIT_STEP, MIN_MOVED = 2.0, 1000.0, 0.1
 # A log in degF has its lowest value, in degC, near that of the calibration: to this part of the
 # range.
 SAME_BEGIN = 0.25
+# Units of a temperature that is in none of degC.
+ABSOLUTE_UNITS = ("K", "degF")
 # Beyond the calibrated range by more than this part of its width, a model extrapolates.
 MARGIN = 0.1
 # A first reading further from rest than this share of what the calibration has seen is no rest.
@@ -97,7 +111,8 @@ def excursions(
     for drive in model.drives:
         if drive.channel in columns:
             values = relative(columns[drive.channel], drive.reference, drive.hold)
-            found += _excursion(drive.channel, values, drive.range, columns[drive.channel])
+            since = drive.reference == "first"
+            found += _excursion(drive.channel, values, drive.range, columns[drive.channel], since)
     known = {d.channel: d for d in model.drives if d.channel in columns}
     shifts = rest_shifts(
         model, {c: rest_level(columns[c], d.reference, d.hold) for c, d in known.items()}
@@ -109,7 +124,10 @@ def excursions(
             else:
                 values = relative(columns[output.channel], output.offset)
                 values = values - shifts.get(output.channel, 0.0)
-            found += _excursion(output.channel, values, output.range, columns[output.channel])
+            since = output.offset == "first"
+            found += _excursion(
+                output.channel, values, output.range, columns[output.channel], since
+            )
     return tuple(found)
 
 
@@ -199,7 +217,11 @@ def extrapolated(model: Model, estimates: Mapping[str, Float]) -> tuple[Excursio
 
 
 def _excursion(
-    channel: str, values: Float, seen: tuple[float, float], logged: Float | None = None
+    channel: str,
+    values: Float,
+    seen: tuple[float, float],
+    logged: Float | None = None,
+    since_first: bool = False,
 ) -> list[Excursion]:
     """How values relative to rest leave their range; told as they are logged, where they are."""
     low, high = seen
@@ -210,4 +232,5 @@ def _excursion(
     first = int(outside[0])
     value = float(values[first])
     rest = 0.0 if logged is None else float(logged[first]) - value
-    return [Excursion(channel, len(outside), first, value + rest, low + rest, high + rest)]
+    own = rest if since_first else None
+    return [Excursion(channel, len(outside), first, value + rest, low + rest, high + rest, own)]

@@ -63,10 +63,15 @@ def row_message(log: Log, row: int, message: str) -> str:
 
 def excursion_message(log: Log, e: Excursion) -> str:
     """Where a channel leaves what the calibration has seen."""
+    if e.rest is None:
+        value, low, high = (f"{each:.4g}" for each in (e.value, e.low, e.high))
+    else:
+        value, low, high = (f"{each - e.rest:+.3g}" for each in (e.value, e.low, e.high))
+        value = f"{e.value:.4g}, {value} from where it begins,"
     return row_message(
         log,
         e.first,
-        f"{e.channel}: {e.value:.4g} is outside the calibrated range {e.low:.4g} to {e.high:.4g} "
+        f"{e.channel}: {value} is outside the calibrated range {low} to {high} "
         f"({counted(e.rows, 'row')}): the model extrapolates",
     )
 
