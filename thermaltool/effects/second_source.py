@@ -56,6 +56,7 @@ class SecondSource(HeatSource):
 
     @property
     def action_unlogged(self) -> str:  # type: ignore[override]
+        """What to look for where nobody logged it: what was switched, and when."""
         return (
             f"look for what was switched {self._switched} (pump, light, bearing, another machine): "
             "it moves {output} by up to {moves}; log it in a column of its own"
