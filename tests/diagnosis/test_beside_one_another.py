@@ -73,6 +73,47 @@ def test_two_sources_that_run_together_are_told_apart_by_their_sizes():
         assert told[channel].explained > 0.9
 
 
+# ---------------------------------------------------------------- heat that comes and goes
+
+
+def lit(on: float, off: float, watts: float, seed: int) -> Record:
+    """A head with a motor and a lamp, each through a lag of its own, in two outputs."""
+    time = 30.0 * np.arange(900)
+    noise = np.random.default_rng([2812, seed]).standard_normal((2, len(time)))
+    heat = 100.0 * np.repeat(np.random.default_rng(seed).choice([0.0, 0.4, 1.0], 30), 30)
+    lamp = watts * follow(((time > on) & (time < off)).astype(float), 1500.0, 30.0)
+    columns = {
+        HEAT: heat,
+        T: 20.0 + 0.2 * follow(heat, 600.0, 30.0) + lamp + 0.03 * noise[0],
+        Z: 0.3 * follow(heat, 900.0, 30.0) + 4.0 * lamp + 0.1 * noise[1],
+    }
+    return Record(time, columns, digest=f"lit {seed}")
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize(("on", "off", "watts"), [(7000.0, 15000.0, 3.0), (9000.0, 99999.0, 3.0)])
+def test_a_lamp_that_nobody_logged_is_told_with_both_its_instants(on, off, watts):
+    plan = CalibrationPlan((HEAT,), (T,), (Z,))
+    found = diagnose(calibrate([lit(0.0, 0.0, 0.0, 3)], plan), [lit(on, off, watts, 4)])
+    (cause,) = found.causes
+    told = cause.effect.parameters
+    assert (cause.effect.name, cause.effect.channel) == ("second_source", "")
+    assert told["start"] == pytest.approx(on, abs=200.0)
+    assert ("stop" in told) is (off < 27000.0)
+    assert told.get("stop", off) == pytest.approx(off, abs=200.0)
+    assert told[f"gain[{T}]"] == pytest.approx(watts, rel=0.1)
+    assert ("and off at" in cause.action) is (off < 27000.0)
+
+
+@pytest.mark.slow
+def test_a_lamp_that_was_on_before_is_told_as_switched_off():
+    plan = CalibrationPlan((HEAT,), (T,), (Z,))
+    found = diagnose(calibrate([lit(0.0, 0.0, 0.0, 3)], plan), [lit(9000.0, 99999.0, -3.0, 5)])
+    (cause,) = found.causes
+    assert cause.effect.name == "second_source"
+    assert "switched off" in cause.action
+
+
 # ---------------------------------------------------------------- one output, many units
 
 STEPS = np.repeat([0.0, 1.0, 0.3, 0.8, 0.0, 0.5, 1.0, 0.0], 100)

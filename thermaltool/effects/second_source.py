@@ -19,8 +19,9 @@ from thermaltool.units import is_temperature, parse_channel
 # A source that nobody logged is switched on after this share of a log at the earliest, and of its
 # own time constant: before, it is the state in which the machine was found.
 MIN_START, MIN_LATER = 0.01, 0.3
-# Instants of a log between which one is tried that was on for a while.
-WINDOWS = 9
+# Instants of a log between which one is tried that was on for a while, with lags by the model's
+# slowest.
+WINDOWS, WINDOW_LAGS = 8, (0.3, 1.0)
 
 
 class SecondSource(HeatSource):
@@ -129,12 +130,13 @@ class SecondSource(HeatSource):
     def probes(cls, scene: Scene) -> Iterator[Effect]:
         yield from cls.logged(scene, source_channels(scene))
         gains = {f"gain[{output}]": 1.0 for output in scene.outputs}
+        slowest = max(scene.slowest.values())
         for log in scene.logs:
             # Below some ten samples a rise is a step, which is another cause.
             for tau in time_constants(10 * log.period, log.duration, 4):
                 for start in scene.instants(log, 15):
                     yield cls("", {**gains, "time_constant": tau, "start": start}, log.digest)
-            for tau in time_constants(10 * log.period, log.duration, 3):
+            for tau in (share * slowest for share in WINDOW_LAGS):
                 for start, stop in combinations(scene.instants(log, WINDOWS), 2):
                     window = {"time_constant": tau, "start": start, "stop": stop}
                     yield cls("", {**gains, **window}, log.digest)
