@@ -128,6 +128,7 @@ def test_records_that_were_not_read_are_told_apart_by_their_samples(fit: api.Cal
         tt.diagnose(fit, [first, first], warn=lambda message: None)
 
 
+@pytest.mark.slow
 def test_a_drive_that_is_a_million_times_too_large_is_judged() -> None:
     """A log in other units than its names say: some causes cannot be followed there."""
 

@@ -42,6 +42,7 @@ def log(tmp_path, columns):
 CALL = ("--input", "Q_main_W", "--output", "d_z_um")
 
 
+@pytest.mark.slow
 def test_json_says_what_was_identified(thermaltool, log):
     done = thermaltool("identify", log, *CALL, "--split", "0.6", "--json")
     assert done.code == 0
@@ -278,6 +279,7 @@ def pair(columns):
     return columns
 
 
+@pytest.mark.slow
 def test_a_network_shares_its_time_constants(thermaltool, pair, tmp_path):
     log, model = write_log(tmp_path / "pair.csv", pair), tmp_path / "model.json"
     done = thermaltool("identify", log, *SHARED, "--split", "0.6", "-o", model, "--json")

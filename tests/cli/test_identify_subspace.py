@@ -38,6 +38,7 @@ def log(tmp_path, columns):
     return write_log(tmp_path / "run.csv", columns)
 
 
+@pytest.mark.slow
 def test_json_and_model_file(thermaltool, log, tmp_path):
     model = tmp_path / "model.json"
     done = thermaltool("identify", log, *CALL, "--split", "0.6", "-o", model, "--json")

@@ -44,6 +44,7 @@ def evidence(swings, outputs, seed):
 
 
 @pytest.mark.parametrize("seed", range(3))
+@pytest.mark.slow
 def test_what_nobody_logged_is_sure_in_two_outputs_and_pays_in_others(seed):
     sizes = NOISE * np.geomspace(0.1, 2.0, 24)
     two = evidence((1.0, 1.0, 0.0), OUTPUTS[:2], seed)

@@ -37,6 +37,7 @@ def machine(seed: int, loss: float) -> pd.DataFrame:
 
 
 @pytest.mark.parametrize("seed", [2, 3])
+@pytest.mark.slow
 def test_a_place_that_radiates_where_a_drive_heats_it(seed: int) -> None:
     known = tt.calibrate(
         machine(1, 0.0), ["Q_heater_W"], sensors=["T_hot_degC", "T_far_degC"],

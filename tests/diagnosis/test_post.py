@@ -58,6 +58,7 @@ def first_cause(log):
     return found.causes[0]
 
 
+@pytest.mark.slow
 def test_a_clean_log_has_no_cause():
     found = diagnose(model(), [log_of(SEED + 1)])
     assert not found.causes

@@ -48,6 +48,7 @@ def model():
     ).model
 
 
+@pytest.mark.slow
 def test_a_sound_log_does_not_speak_against_what_is_new(model):
     found = tt.diagnose(model, machine(2, lag=240.0), validate=[machine(3)])
     assert [c.effect.name for c in found.diagnosis.causes] == ["sensor_lag"]
@@ -89,6 +90,7 @@ def test_a_log_in_which_a_cause_is_never_there_says_nothing_of_it(model):
     assert not silent({})
 
 
+@pytest.mark.slow
 def test_a_log_that_shows_the_same_stays_a_veto(model):
     found = tt.diagnose(model, machine(2, lag=240.0), validate=[machine(3, lag=240.0)])
     assert [c.effect.name for c in found.diagnosis.causes] == ["sensor_lag"]

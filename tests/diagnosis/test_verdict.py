@@ -66,6 +66,7 @@ def test_what_no_cause_explains_is_told_with_its_place(model: Model) -> None:
 
 
 @pytest.mark.parametrize("size", [1.0, 4.0])
+@pytest.mark.slow
 def test_one_bad_log_among_good_ones_is_not_averaged_away(model: Model, size: float) -> None:
     """Three humps of no cause in the second of four days."""
     humps = sum(
@@ -83,6 +84,7 @@ def test_one_bad_log_among_good_ones_is_not_averaged_away(model: Model, size: fl
 
 
 @pytest.mark.parametrize("step", [0.0, 1.0])
+@pytest.mark.slow
 def test_a_noisier_log_among_others_has_a_noise_of_its_own(model: Model, step: float) -> None:
     """Three times the noise, or readings in whole micrometres."""
     days = [machine(DUTY, seed) for seed in (30, 31, 32, 33)]
@@ -214,6 +216,7 @@ def test_ends_of_a_search_that_come_as_near_are_all_possible(draw: int) -> None:
 
 
 @pytest.mark.parametrize("is_drive", [False, True])
+@pytest.mark.slow
 def test_heat_of_an_unknown_channel_comes_by_two_lags(model: Model, is_drive: bool) -> None:
     """As that of the drive does: a column beside the model, or a drive without a response."""
     fan = np.repeat(np.append(0.0, np.random.default_rng(3).uniform(0, 1, 23)), 50)

@@ -87,6 +87,7 @@ def test_a_long_log_is_averaged_and_says_the_same(monkeypatch):
     assert found.time == pytest.approx(5130, abs=2 * DT)
 
 
+@pytest.mark.slow
 def test_a_calibration_and_its_simulation_take_the_switch_where_it_is():
     record = paused(8, 500, 40, ((508, 90.0), (None, 0.0)))
     frame = pd.DataFrame({"time_s": record.time, **record.columns})
@@ -161,6 +162,7 @@ def test_what_else_is_measured_goes_on_over_a_pause():
     assert np.isfinite(placed.column(FAN)).all()
 
 
+@pytest.mark.slow
 def test_rows_that_are_judged_do_not_say_when_a_command_has_changed():
     """What happens after the pause alone is an error of the model that is judged there."""
     record = paused(12, 500, 40, ((520, 90.0), (None, 0.0)))

@@ -172,6 +172,7 @@ def test_a_lag_that_a_third_of_a_readings_noise_shows_is_taken(seed):
     assert term.response.dc_gain() == pytest.approx(0.0508, abs=3 * error)
 
 
+@pytest.mark.slow
 def test_two_drives_may_have_two_kinds():
     u, v = switched(4), switched(5, block=900.0)
     y = lags(u, [0.05], [200.0]) + lags(v, [0.08, -0.03], [2000.0, 300.0])

@@ -161,6 +161,7 @@ def in_a_room(first, seed, noise=0.02):
 
 
 @pytest.mark.parametrize("rooms", [(20.0,), (18.0, 22.0)])
+@pytest.mark.slow
 def test_a_machine_at_rest_is_as_warm_as_its_room(rooms):
     plan = CalibrationPlan((ROOM, "Q_heater_W"), (BODY,), choose=True)
     model = calibrate([in_a_room(first, k) for k, first in enumerate(rooms)], plan)

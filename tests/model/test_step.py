@@ -195,6 +195,7 @@ def test_all_at_once(hold):
     check(everything(hold), log(), restart=555)
 
 
+@pytest.mark.slow
 def test_effects_of_another_record_do_not_act():
     elsewhere = Record(log().time, log().columns, digest="another")
     here, there = streamed(everything(), log()), check(everything(), elsewhere)
