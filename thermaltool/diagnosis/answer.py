@@ -124,20 +124,23 @@ def answer(task: DiagnosisTask, first: Hypothesis, search: SearchState) -> Diagn
             return severity_of_outliers(extended, full.logs, masked)
         return severity_of(extended, cause.effect, full.logs)
 
-    moved = [severity(cause) for cause in causes]
     begins = {log.digest: float(log.time[0]) for log in full.logs}
+
+    def action(cause: Cause, moved: Mapping[str, Severity]) -> str:
+        if cause is unknown and changed is not None:
+            return changed
+        begun = begins.get(cause.effect.log or "", 0.0)
+        return action_of(cause.effect, moved, noise, cause.location, begun)
+
     causes = [
         replace(
-            c, severity=each,
-            action=action_of(
-                c.effect, each, noise, c.location, begins.get(c.effect.log or "", 0.0)
-            )
-            if c is not unknown or changed is None
-            else changed,
+            c,
+            severity=each,
+            action=action(c, each),
             elsewhere=_elsewhere(full, extended, c.effect, noise),
         )
-        for c, each in zip(causes, moved, strict=True)
-    ]  # fmt: skip
+        for c, each in zip(causes, [severity(cause) for cause in causes], strict=True)
+    ]
     if search.unconfirmed is not None and (search.causes or not search.suspects):
         search = search.noted(unconfirmed(search.unconfirmed.effect))
     for note in (

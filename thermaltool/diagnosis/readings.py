@@ -73,7 +73,9 @@ def stand_still(simulation: SimulatedLogs, output: str) -> bool:
     logs = [log.columns[output] for log in simulation.logs if output in log.columns]
     seconds = np.abs(np.concatenate([np.diff(values, 2) for values in logs]))
     seconds = seconds[np.isfinite(seconds)]
-    return bool(np.mean(seconds <= ROUNDING * seconds.max(initial=0.0)) > MAX_STILL)
+    return not len(seconds) or bool(
+        np.mean(seconds <= ROUNDING * seconds.max(initial=0.0)) > MAX_STILL
+    )
 
 
 def reading_step(log: Record, output: str) -> float:
