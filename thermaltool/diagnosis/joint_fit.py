@@ -12,7 +12,7 @@ from thermaltool.diagnosis.select import fit_candidate
 
 # Turns between causes at most; they agree where a turn moves no output by more than this share of
 # the noise of a reading (RMS).
-MAX_TURNS, AGREED = 8, 0.05
+MAX_TURNS, AGREED = 4, 0.1
 
 
 def fitted_together(hypothesis: Hypothesis) -> Hypothesis:
@@ -27,14 +27,14 @@ def fitted_together(hypothesis: Hypothesis) -> Hypothesis:
     """
     calibrated = hypothesis.calibrated.effects
     places = [k for k, each in enumerate(hypothesis.model.effects) if each not in calibrated]
-    for _ in range(MAX_TURNS):
+    hypothesis = hypothesis.fitted()
+    for _ in range(MAX_TURNS if places else 0):
         before = hypothesis
         for k in places:
             hypothesis = _with_fitted(hypothesis, k)
-        hypothesis = hypothesis.fitted()
         if _agree(before, hypothesis):
-            break
-    return hypothesis
+            return hypothesis
+    return hypothesis.fitted()
 
 
 def _with_fitted(hypothesis: Hypothesis, at: int) -> Hypothesis:
