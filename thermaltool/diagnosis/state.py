@@ -243,11 +243,8 @@ class SearchState:
         search = replace(self, causes=kept)
         if model is self.hypothesis.model:
             return search
-        return replace(search, hypothesis=self.hypothesis.with_model(model)).refitted()
-
-    def refitted(self) -> SearchState:
-        """The same with its causes fitted beside one another."""
-        return self.moved_to(fitted_together(self.hypothesis))
+        bare = self.hypothesis.with_model(model)
+        return replace(search, hypothesis=bare).moved_to(fitted_together(bare))
 
     def moved_to(self, after: Hypothesis) -> SearchState:
         """The same with its causes as another hypothesis has them.

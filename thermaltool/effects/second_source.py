@@ -68,9 +68,14 @@ class SecondSource(HeatSource):
         """What happened to a source that nobody logged, and when."""
         if "stop" in self.parameters:
             return "on {start} into the log and off at {stop}"
-        gains = {reference_of(n)[1]: v for n, v in self.parameters.items() if n != "start"}
-        warms = sum(np.sign(v) for o, v in gains.items() if o is not None and is_temperature(o))
-        return "off {start} into the log" if warms < 0 else "on {start} into the log"
+        cools = sum(np.sign(self._temperature_gains)) < 0
+        return "off {start} into the log" if cools else "on {start} into the log"
+
+    @property
+    def _temperature_gains(self) -> list[float]:
+        """By how much it moves each temperature in the end."""
+        named = ((reference_of(name)[1], gain) for name, gain in self.parameters.items())
+        return [gain for output, gain in named if output is not None and is_temperature(output)]
 
     def unit(self, name: str) -> str:
         """Unit of a parameter; a source that nobody logged has none of its own.
@@ -119,11 +124,7 @@ class SecondSource(HeatSource):
         if stop is None:
             return True
         least = MIN_START * (seen - began)
-        warms = all(
-            gain >= 0
-            for name, gain in self.parameters.items()
-            if (output := reference_of(name)[1]) is not None and is_temperature(output)
-        )
+        warms = all(gain >= 0 for gain in self._temperature_gains)
         return warms and stop - self.parameters["start"] > least and seen - stop > least
 
     @classmethod

@@ -70,7 +70,7 @@ def begins_away_from_rest(
         rest = each.fitted(held.from_rest())
         found = [each.fitted(held)] if own == [*each.drives] else []
         found += [_one_body(started, kind) for kind in ONE_BODY] if around else []
-        frees = [each for each in found if each is not None]
+        frees = [fit for fit in found if fit is not None]
         if rest is None or not frees or not rest.size:
             continue
         rows = min(fit.independent for fit in frees)
