@@ -102,13 +102,18 @@ class Modes:
         """
         begun = np.asarray(t) >= 0
         t = np.maximum(np.asarray(t, float), 0.0)[..., None]
-        p = self.poles
-        decay = np.exp(p * t)
-        grown = np.where(p != 0, np.expm1(p * t) / np.where(p != 0, p, 1), t)
-        ramp = np.where(
-            p != 0, (t * decay - grown) / np.where(p != 0, p, 1), t**2 / 2
-        )  # ∫ τ e^(pτ) dτ
-        value = (self.weights * grown).real * np.where(p.imag != 0, 2, 1) + self.double * ramp.real
+        # Complex exponentials cost several times as much as real ones.
+        pairs = np.any(self.poles.imag)
+        p: Any = self.poles if pairs else self.poles.real
+        weights: Any = self.weights if pairs else self.weights.real
+        moves = p != 0
+        rate = np.where(moves, p, 1)
+        grown = np.where(moves, np.expm1(p * t) / rate, t)
+        value = (weights * grown).real * np.where(self.poles.imag != 0, 2, 1)
+        if np.any(self.double):
+            # ∫ τ e^(pτ) dτ
+            ramp = np.where(moves, (t * np.exp(p * t) - grown) / rate, t**2 / 2)
+            value = value + self.double * ramp.real
         return np.asarray(value.sum(-1) + self.direct * begun)
 
     def dc_gain(self) -> float:
