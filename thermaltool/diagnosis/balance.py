@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 
+from thermaltool.diagnosis.gain import MIN_LOSS_COUNTED
 from thermaltool.diagnosis.simulation import Mask, SimulatedLogs
 from thermaltool.diagnosis.written import gains_of
 from thermaltool.model import Model
@@ -23,8 +24,12 @@ def is_slight(
     before, after, logs, masked, noise
         As in `balance`.
     """
-    found = (balance(before, after, logs, masked, noise, free) for free in (True, False))
-    return all(lost < min(SLIGHT * gained, MAX_SLIGHT) for gained, lost in found)
+    # A zero that is counted has the noise of the readings that it is taken from.
+    for zero_free, most in ((True, MAX_SLIGHT), (False, MIN_LOSS_COUNTED)):
+        gained, lost = balance(before, after, logs, masked, noise, zero_free)
+        if lost >= min(SLIGHT * gained, most):
+            return False
+    return True
 
 
 def balance(
