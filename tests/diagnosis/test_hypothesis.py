@@ -8,7 +8,7 @@ from dataclasses import FrozenInstanceError, replace
 import numpy as np
 import pytest
 
-from thermaltool.diagnosis.evidence import started
+from thermaltool.diagnosis.assumptions import started
 from thermaltool.diagnosis.fit import CandidateProducts, CauseCandidate, evaluate, profile
 from thermaltool.diagnosis.hypothesis import Hypothesis
 from thermaltool.diagnosis.select import fit_candidate
@@ -230,18 +230,24 @@ def test_a_machine_as_a_whole_warmer_than_its_room_is_the_likelier_start() -> No
     columns[spot] = 20 + truth + 0.6 * np.exp(-TIME / 1500.0) + noise
     log = Record(TIME, columns, digest="log")
     found = Hypothesis.of(model, [log], model, WITHIN_CALIBRATION)
-    likely, any_start = started(WITHIN_CALIBRATION)[::-1]
-    assert likely == WITHIN_CALIBRATION | {"uniform"}
-    assert found.evidence_of(likely) > max(10.0, found.evidence_of(any_start) + 5.0)
+    ways = [WITHIN_CALIBRATION | {way} for way in ("uniform", "modes", "initial")]
+    assert started(WITHIN_CALIBRATION) == ways
+    likely, of_modes, any_start = ways
+    others = max(map(found.evidence_of, (any_start, of_modes)))
+    assert found.evidence_of(likely) > max(10.0, others + 5.0)
     (start,) = found.under(likely, model).beginning(spot)
     decay = 0.6 * np.exp(-TIME / 1500.0)
     assert np.allclose(start - start[-1], decay - decay[-1], atol=0.1)
-    # A start of its own needs no other beside it.
-    assert started(likely) == [WITHIN_CALIBRATION | {"initial"}]
+    # A start of its own needs no plainer one beside it.
+    assert started(likely) == [of_modes, any_start]
+    assert started(of_modes) == [any_start]
     assert started(any_start) == []
+    # A model that is free has no modes of its own.
+    assert started(RELEASED) == [RELEASED | {way} for way in ("uniform", "initial")]
     # A temperature that drives may be a part of the machine.
     part = replace(model, outputs=(replace(model.outputs[0], fit={}),))
-    assert Hypothesis.of(part, [log], part, WITHIN_CALIBRATION).nuisance[spot].uniform == []
+    starts = Hypothesis.of(part, [log], part, WITHIN_CALIBRATION).nuisance[spot].starts
+    assert starts["uniform"] == []
 
 
 @pytest.mark.parametrize(("deviations", "left"), [(2.0, 0.0), (8.0, 5.0)])

@@ -2,12 +2,15 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
 from thermaltool.diagnosis.diagnose import diagnose
 from thermaltool.diagnosis.fit import CauseCandidate
-from thermaltool.diagnosis.select import Ranking, plain_forms_first, shortlist
+from thermaltool.diagnosis.select import Ranking
+from thermaltool.diagnosis.shortlist import plain_forms_first, shortlist
 from thermaltool.effects import effect_class
 from thermaltool.model import Drive, Model, Output, Term
 from thermaltool.record import Record
@@ -69,6 +72,22 @@ def test_a_start_sets_nothing_else_free():
     alone = {started: 0.0, FREED | {"initial"}: 300.0}
     assert Ranking([], [], 0.0, alone).own_start(started) is None
     assert Ranking([], [], 0.0, {PRESENT: 0.0, started: 4.0}).own_start(PRESENT) is None
+
+
+def test_a_cause_beside_a_plainer_start_comes_before_any_start():
+    modes, any_start = (PRESENT | {way} for way in ("modes", "initial"))
+    alone = {PRESENT: 0.0, modes: 90.0, any_start: 100.0}
+
+    def better(evidence, assumptions):
+        cause = replace(in_form(evidence, "x_pump_1", *ONE_LAG), assumptions=assumptions)
+        return Ranking([], [cause], 0.0, alone | {FREED: 95.0}).better_assumptions()
+
+    assert better(115.0, modes) is None
+    assert better(105.0, modes) == any_start
+    # Beside a model that is free, or a start that is less plain, every cause looks strong.
+    assert better(115.0, FREED) == any_start
+    assert better(115.0, any_start) == any_start
+    assert better(115.0, PRESENT) is None
 
 
 # ---------------------------------------------------------------- a thermostat's fan

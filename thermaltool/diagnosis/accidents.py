@@ -10,7 +10,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import replace
 
-from thermaltool.diagnosis.evidence import Assumptions
+from thermaltool.diagnosis.assumptions import Assumptions
 from thermaltool.diagnosis.fit import CauseCandidate, products_of, score
 from thermaltool.diagnosis.hypothesis import Hypothesis
 from thermaltool.diagnosis.select import fit_candidate

@@ -9,8 +9,8 @@ import numpy as np
 
 from thermaltool.diagnosis.action import action_of
 from thermaltool.diagnosis.alternatives import indistinguishable, suspected
+from thermaltool.diagnosis.assumptions import STARTS
 from thermaltool.diagnosis.correction import corrected
-from thermaltool.diagnosis.evidence import STARTS
 from thermaltool.diagnosis.gain import Gain
 from thermaltool.diagnosis.hypothesis import Hypothesis
 from thermaltool.diagnosis.lasting import Recurrence, may_recur, recurrences

@@ -172,10 +172,20 @@ def uncorrected(model: Model, calibrated: Model, moved: bool) -> Model:
     """
     if not moved:
         return replace(model, terms=calibrated.terms)
-    terms = tuple(t for t in model.terms if t.response.kind != LagBank.kind)
     # What the calibration knew belongs to the parameters that it found.
     outputs = tuple(
         replace(o, fit={k: v for k, v in o.fit.items() if k != "discrepancy"})
         for o in model.outputs
     )
-    return replace(model, terms=terms, outputs=outputs)
+    return replace(without_lags(model), outputs=outputs)
+
+
+def without_lags(model: Model) -> Model:
+    """The model without what stands for what its kinds of response leave out.
+
+    Parameters
+    ----------
+    model : Model
+    """
+    terms = tuple(t for t in model.terms if t.response.kind != LagBank.kind)
+    return replace(model, terms=terms)

@@ -16,17 +16,12 @@ from functools import cached_property
 
 import numpy as np
 
+from thermaltool.diagnosis.assumptions import Assumptions
 from thermaltool.diagnosis.whitening import whitening
 from thermaltool.effects.effect import Float
 from thermaltool.signals.likelihood import Factor, StackedFactors
 from thermaltool.signals.row_groups import Index, RowGroups
 
-# What is left free: groups of nuisance in use ("offset", "accepted", "effects", "tight" or
-# "released", "initial" or "uniform", "instants", "earlier"), and "white" where what is left over is
-# taken for white noise.
-Assumptions = frozenset[str]
-# How a log may begin away from rest: anyhow, or as a whole warmer than its surroundings.
-STARTS: Assumptions = frozenset({"initial", "uniform"})
 # Groups of columns without a prior; all others have mean zero and variance one.
 FLAT_GROUPS = ("offset", "accepted")
 # Evidence (fall of BIC, corrected for the causes tried) from which a cause is held out, and from
@@ -40,29 +35,6 @@ DISCREPANCY_SPREAD = 0.3
 ROUNDING = 1e-4
 
 WHITE_ALONE = (0.0, 1.0)
-
-
-def started(assumptions: Assumptions) -> list[Assumptions]:
-    """The assumptions with ways to begin away from rest that they do not have.
-
-    Parameters
-    ----------
-    assumptions : frozenset of str
-    """
-    if "initial" in assumptions:
-        return []
-    ways = STARTS - assumptions
-    return [(assumptions - STARTS) | {way} for way in sorted(ways)]
-
-
-def released(assumptions: Assumptions) -> Assumptions:
-    """The assumptions with the model's own parameters free.
-
-    Parameters
-    ----------
-    assumptions : frozenset of str
-    """
-    return (assumptions - {"tight"}) | {"released"}
 
 
 @dataclass(frozen=True)

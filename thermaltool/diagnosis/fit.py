@@ -12,12 +12,8 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from thermaltool.diagnosis.evidence import (
-    DECISIVE_EVIDENCE,
-    Assumptions,
-    NullFit,
-    ProjectedProducts,
-)
+from thermaltool.diagnosis.assumptions import Assumptions
+from thermaltool.diagnosis.evidence import DECISIVE_EVIDENCE, NullFit, ProjectedProducts
 from thermaltool.diagnosis.hypothesis import Hypothesis
 from thermaltool.diagnosis.simulation import Changes
 from thermaltool.effects.effect import Effect, Float, reference_of
@@ -355,7 +351,8 @@ class SignatureTable:
                     columns += [evidence.groups.means(series) for series in reached]
             if columns:
                 groups = [each[output] for each in index if output in each]
-                products = evidence.products(np.column_stack(columns), groups)
+                # Each signature lies in one piece of memory: they are taken one by one.
+                products = evidence.products(np.array(columns).T, groups)
                 for each in assumptions:
                     projected[output, each] = evidence.projected(each, products)
         return SignatureTable(index, amplitudes, projected)

@@ -13,7 +13,7 @@ from functools import cached_property
 
 import numpy as np
 
-from thermaltool.diagnosis.evidence import STARTS
+from thermaltool.diagnosis.assumptions import STARTS
 from thermaltool.diagnosis.gain import Gain, compare
 from thermaltool.diagnosis.hypothesis import Hypothesis
 from thermaltool.diagnosis.readings import hidden_noise

@@ -11,8 +11,9 @@ from functools import cached_property
 
 import numpy as np
 
+from thermaltool.diagnosis.assumptions import STARTS, Assumptions, started
 from thermaltool.diagnosis.correction import uncorrected
-from thermaltool.diagnosis.evidence import Assumptions, OutputEvidence
+from thermaltool.diagnosis.evidence import OutputEvidence
 from thermaltool.diagnosis.noise_levels import weigh
 from thermaltool.diagnosis.nuisance import OutputNuisance
 from thermaltool.diagnosis.simulation import Mask, Series, SimulatedLogs
@@ -158,6 +159,9 @@ class Hypothesis:
         priors = {"released": nuisance.free_prior}
         if "tight" in self.assumptions:
             priors["tight"] = nuisance.calibrated_prior
+        # Plainer starts than the present one are not asked for.
+        others = STARTS - frozenset().union(self.assumptions, *started(self.assumptions))
+        beside = {group: c for group, c in nuisance.beside.items() if group not in others}
         return weigh(
             groups,
             groups.means(self.simulation.residual(output)),
@@ -165,7 +169,7 @@ class Hypothesis:
                 "offset": matrix(nuisance.offsets),
                 "accepted": matrix(list(nuisance.accepted.values())),
                 **{group: own @ prior.root for group, prior in priors.items()},
-                **{group: matrix(columns) for group, columns in nuisance.beside.items()},
+                **{group: matrix(columns) for group, columns in beside.items()},
             },
             {group: prior.centre for group, prior in priors.items()},
             nuisance.white,
@@ -233,7 +237,8 @@ class Hypothesis:
         output : str
         """
         if "initial" not in self.assumptions:
-            return self._fitted_part(output, "uniform")
+            plain = (self._fitted_part(output, way) for way in ("modes", "uniform"))
+            return [a + b for a, b in zip(*plain, strict=True)]
         return beginning(self.simulation, output)
 
     @cached_property

@@ -16,13 +16,8 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.optimize import brentq
 
-from thermaltool.diagnosis.evidence import (
-    DECISIVE_EVIDENCE,
-    FLAT_GROUPS,
-    Assumptions,
-    NoiseLevel,
-    NullFit,
-)
+from thermaltool.diagnosis.assumptions import Assumptions
+from thermaltool.diagnosis.evidence import DECISIVE_EVIDENCE, FLAT_GROUPS, NoiseLevel, NullFit
 from thermaltool.diagnosis.fit import products_of, profile
 from thermaltool.diagnosis.hypothesis import Hypothesis
 from thermaltool.diagnosis.simulation import Changes

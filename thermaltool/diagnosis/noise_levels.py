@@ -2,18 +2,23 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
+import itertools
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import replace
 
 import numpy as np
 
-from thermaltool.diagnosis.evidence import Assumptions, OutputEvidence
+from thermaltool.diagnosis.assumptions import Assumptions
+from thermaltool.diagnosis.evidence import OutputEvidence
 from thermaltool.effects.effect import Float
 from thermaltool.signals.row_groups import RowGroups
 
 # Variance of the discrepancy over that of white noise, and number of time constants, at first; then
 # factors around the best of them.
 COARSE_RATIOS, COARSE_TAUS = 10.0 ** np.arange(-2, 7), 7
+# Where nothing is expected of the noise its likelihood is broad: every second of these, then those
+# beside the best few.
+SECOND, BEST_COARSE = 2, 3
 FINE_RATIOS = (0.003, 0.02, 0.1, 0.35, 1.0, 3.0)
 FINE_TAUS = (0.1, 0.33, 1.0, 3.0)
 # Ratio from which the fine levels start where white noise alone is best.
@@ -74,14 +79,34 @@ def weigh(
     noise = groups.noise
     longest = max(noise.span / 2, 6 * noise.period)
     taus = np.geomspace(3 * noise.period, longest, COARSE_TAUS).tolist()
-    coarse = start.only(assumptions).at([(r, t) for r in COARSE_RATIOS for t in taus])
-    if expected is None:
+    coarse = start.only(assumptions)
+    if expected is not None:
+        coarse = coarse.at([(r, t) for r in COARSE_RATIOS for t in taus])
+    else:
+        coarse = coarse.at([(r, t) for r in COARSE_RATIOS[::SECOND] for t in taus[::SECOND]])
+        coarse = coarse.at(_beside_best(coarse, assumptions, taus))
         for _ in range(2):
             coarse = replace(coarse, white=coarse.null(assumptions).white)
     best = coarse.levels[coarse.null(assumptions).level]
     tau = best.tau if best.ratio else float(np.sqrt(taus[0] * taus[-1]))
     fine = _fine(best.ratio or START_RATIO, tau)
     return replace(start, white=coarse.white).at(fine)
+
+
+def _beside_best(
+    coarse: OutputEvidence, assumptions: Assumptions, taus: Sequence[float]
+) -> list[tuple[float, float]]:
+    """The coarse levels on and beside the best few of every second one."""
+    null, found = coarse.null(assumptions), set()
+    for k in np.argsort(null.negative_log(null.square))[:BEST_COARSE].tolist():
+        if not coarse.levels[k].ratio:
+            continue
+        i = int(np.argmin(np.abs(np.log(COARSE_RATIOS / coarse.levels[k].ratio))))
+        j = int(np.argmin(np.abs(np.log(np.array(taus) / coarse.levels[k].tau))))
+        around = (range(max(at - 1, 0), at + 2) for at in (i, j))
+        found |= set(itertools.product(*around))
+    known = ((i, j) for i, j in sorted(found) if i < len(COARSE_RATIOS) and j < len(taus))
+    return [(float(COARSE_RATIOS[i]), taus[j]) for i, j in known]
 
 
 def _fine(ratio: float, tau: float) -> list[tuple[float, float]]:

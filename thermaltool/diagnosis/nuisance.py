@@ -16,12 +16,12 @@ from typing import Any
 import numpy as np
 from scipy.linalg import block_diag
 
+from thermaltool.diagnosis.assumptions import Assumptions
 from thermaltool.diagnosis.correction import known_discrepancy
-from thermaltool.diagnosis.evidence import Assumptions
 from thermaltool.diagnosis.held_effects import accepted_effects, calibrated_effects
 from thermaltool.diagnosis.readings import as_readings, stand_still
 from thermaltool.diagnosis.simulation import Series, SimulatedLogs
-from thermaltool.diagnosis.starts import decays_of, uniform_starts
+from thermaltool.diagnosis.starts import decays_of, mode_starts, uniform_starts
 from thermaltool.diagnosis.switching import earlier_of, instants_of
 from thermaltool.effects.dynamics import lagged
 from thermaltool.effects.effect import Float
@@ -338,14 +338,10 @@ class OutputNuisance:
     # ------------------------------------------------------------ start, offsets, accepted causes
 
     @cached_property
-    def decays(self) -> list[Series]:
-        """What a machine that was not at rest at the first row adds, per log."""
-        return decays_of(self.simulation, self.output)
-
-    @cached_property
-    def uniform(self) -> list[Series]:
-        """What a machine that was as a whole warmer than its surroundings adds, per log."""
-        return uniform_starts(self.simulation, self.output)
+    def starts(self) -> dict[str, list[Series]]:
+        """What a log that does not begin at rest adds, by how it may begin."""
+        ways = {"initial": decays_of, "modes": mode_starts, "uniform": uniform_starts}
+        return {way: columns(self.simulation, self.output) for way, columns in ways.items()}
 
     @cached_property
     def instants(self) -> list[Series]:
@@ -357,8 +353,7 @@ class OutputNuisance:
         """What is none of the moves, offsets and causes, by group; each in units of its prior."""
         return {
             "effects": self.calibrated_effects,
-            "initial": self.decays,
-            "uniform": self.uniform,
+            **self.starts,
             "instants": self.instants if "instants" in self.assumptions else [],
             "earlier": earlier_of(self.instants) if "earlier" in self.assumptions else [],
         }

@@ -6,7 +6,8 @@ from collections.abc import Mapping
 
 import numpy as np
 
-from thermaltool.diagnosis.evidence import DECISIVE_EVIDENCE, STARTS
+from thermaltool.diagnosis.assumptions import STARTS
+from thermaltool.diagnosis.evidence import DECISIVE_EVIDENCE
 from thermaltool.diagnosis.fit import CauseCandidate
 from thermaltool.diagnosis.hypothesis import Hypothesis
 from thermaltool.diagnosis.lasting import may_recur, recurrences

@@ -16,9 +16,10 @@ import numpy as np
 
 from thermaltool.diagnosis.accidents import borne_out, seen_in_all
 from thermaltool.diagnosis.alternatives import tried_causes
+from thermaltool.diagnosis.assumptions import STARTS, Assumptions, released
 from thermaltool.diagnosis.balance import balance
 from thermaltool.diagnosis.correction import corrected
-from thermaltool.diagnosis.evidence import DECISIVE_EVIDENCE, STARTS, Assumptions, released
+from thermaltool.diagnosis.evidence import DECISIVE_EVIDENCE
 from thermaltool.diagnosis.fit import CauseCandidate
 from thermaltool.diagnosis.hypothesis import Hypothesis
 from thermaltool.diagnosis.no_signature import (
@@ -29,7 +30,8 @@ from thermaltool.diagnosis.no_signature import (
 )
 from thermaltool.diagnosis.pruning import pruned, rest_of
 from thermaltool.diagnosis.readings import hidden_noise
-from thermaltool.diagnosis.select import Ranking, plain_forms_first, ranked
+from thermaltool.diagnosis.select import Ranking, ranked
+from thermaltool.diagnosis.shortlist import plain_forms_first
 from thermaltool.diagnosis.simulation import SimulatedLogs
 from thermaltool.diagnosis.state import WITHIN_CALIBRATION, DiagnosisTask, SearchState
 from thermaltool.diagnosis.validate import judge
@@ -53,6 +55,7 @@ HAS_CHANGED = (
     "the model's own parameters have changed since the calibration, beyond its uncertainty: "
     "calibrate again"
 )
+BEGINS_AWAY = "a log does not begin at rest: its start decays are fitted apart"
 BEGINS_AS_A_WHOLE = (
     "a log does not begin at rest: the machine as a whole is warmer or colder than its "
     "surroundings, and follows them"
@@ -233,6 +236,8 @@ def _confirmed(
             search = search.accepting(verdict.cause, verdict.after, verdict)
             if _is_freed(hypothesis, verdict.after):
                 search = search.noted("the model's own parameters are free beside the cause")
+            if STARTS & (verdict.after.assumptions - hypothesis.assumptions):
+                search = _begun(search, verdict.after.assumptions)
             return search
     return None
 
@@ -309,17 +314,23 @@ def _own_change(
             return replace(search, ended=changed, undecided=why, exhausted=True), None
         return search.noted(HAS_CHANGED), changed
     if "uniform" in better:
-        return search.noted(BEGINS_AS_A_WHOLE), changed
+        return _begun(search, better), changed
     # What a short calibration has not seen may pass for a start: it comes first.
     freed = hypothesis.under(released(hypothesis.assumptions), task.model).fitted()
     found = _with_left_open(task, search, hypothesis, freed)
     # Beside a longer calibration nothing is left of what only looked like a start.
-    started = freed.evidence_of((freed.assumptions - STARTS) | {"initial"}) > DECISIVE_EVIDENCE
+    begun = (freed.assumptions - STARTS) | (better & STARTS)
+    started = freed.evidence_of(begun) > DECISIVE_EVIDENCE
     if found is not None and not started:
         return found, None
-    left = tuple(note for note in search.notes if note != BEGINS_AS_A_WHOLE)
-    search = replace(search, notes=left)
-    return search.noted("a log does not begin at rest: its start decays are fitted apart"), changed
+    return _begun(search, better), changed
+
+
+def _begun(search: SearchState, started: Assumptions) -> SearchState:
+    """The search with a note on how a log begins, in place of one on a plainer start."""
+    own = BEGINS_AS_A_WHOLE if "uniform" in started else BEGINS_AWAY
+    other = BEGINS_AWAY, BEGINS_AS_A_WHOLE
+    return replace(search, notes=tuple(n for n in search.notes if n not in other)).noted(own)
 
 
 def _judged(ranking: Ranking, strong: Sequence[CauseCandidate]) -> list[CauseCandidate]:

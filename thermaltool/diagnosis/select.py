@@ -7,18 +7,14 @@ amplitude would have (score test). Only what survives is fitted.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Collection, Iterable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Collection, Iterable, Iterator, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
 from scipy.optimize import minimize
 
-from thermaltool.diagnosis.evidence import (
-    DECISIVE_EVIDENCE,
-    Assumptions,
-    released,
-    started,
-)
+from thermaltool.diagnosis.assumptions import STARTS, Assumptions, is_plainer, released, started
+from thermaltool.diagnosis.evidence import DECISIVE_EVIDENCE
 from thermaltool.diagnosis.fit import (
     CauseCandidate,
     SignatureTable,
@@ -27,19 +23,12 @@ from thermaltool.diagnosis.fit import (
     signatures_of,
 )
 from thermaltool.diagnosis.hypothesis import Hypothesis
+from thermaltool.diagnosis.shortlist import MIN_EVIDENCE, shortlist
 from thermaltool.effects import CATALOGUE, effect_class
-from thermaltool.effects.effect import Effect, Float, reference_of
+from thermaltool.effects.effect import Effect, Float
 
 Progress = Callable[[str], None]
 
-# Trials that promise less evidence than this are not fitted.
-MIN_EVIDENCE = -10.0
-# Causes that are fitted at each step, and of one name.
-MAX_FITTED, MAX_OF_A_NAME = 8, 2
-# ... and how many of them by what they have beyond their assumptions.
-MIN_BEYOND = 3
-# Forms of one cause that differ by less in evidence are taken for equal.
-EQUAL_EVIDENCE = 10.0
 # Value of a search for what no machine has: it can be subtracted.
 IMPLAUSIBLE = 1e300
 # First step of a search: of a logarithm, and relative to the distance from neutral; the instant of
@@ -83,9 +72,18 @@ class Ranking:
         return candidate.evidence - self.alone[candidate.assumptions]
 
     def better_assumptions(self) -> Assumptions | None:
-        """Those under which the model itself has decisively more to say than any cause."""
+        """Those under which the model itself has decisively more to say than any cause.
+
+        None where a cause beside a plainer start, or none, says decisively more than a start: any
+        start follows what is slow.
+        """
         best = max(self.alone, key=lambda a: self.alone[a])
         strongest = max((self.beyond(c) for c in self.fitted), default=-np.inf)
+        plainer = max(
+            (c.evidence for c in self.fitted if is_plainer(c.assumptions, best)), default=0
+        )
+        if plainer > self.alone[best] + DECISIVE_EVIDENCE:
+            return None
         return best if self.alone[best] > max(DECISIVE_EVIDENCE, strongest) else None
 
     def own_start(self, present: Assumptions) -> Assumptions | None:
@@ -124,8 +122,8 @@ def ranked(
     progress : callable
     """
     present = hypothesis.assumptions
-    around = any(nuisance.uniform for nuisance in hypothesis.nuisance.values())
-    possible = [present, *(a for a in started(present) if around or "uniform" not in a)]
+    ways = {w for each in hypothesis.nuisance.values() for w, there in each.starts.items() if there}
+    possible = [present, *(a for a in started(present) if a & STARTS <= ways)]
     if "tight" in present:
         possible.append(released(present))
     # What the model may say for itself counts where these logs ask for it.
@@ -331,70 +329,3 @@ def _first_step(hypothesis: Hypothesis, effect: Effect, name: str) -> float:
         if (values := log.columns.get(effect.channel)) is not None and np.isfinite(values).any()
     ]
     return min(step, RANGE_STEP * max(spans)) if max(spans, default=0.0) > 0 else step
-
-
-# ---------------------------------------------------------------- which of them
-
-
-def shortlist(
-    candidates: Sequence[CauseCandidate], alone: Mapping[Assumptions, float]
-) -> list[CauseCandidate]:
-    """The best trials, of every form of a cause one, few of one name.
-
-    Most have the most evidence, some the most beyond that of their assumptions: beside a model that
-    is free to change every cause looks strong.
-
-    Parameters
-    ----------
-    candidates : sequence of CauseCandidate
-        The strongest first.
-    alone : mapping of assumptions to float
-        Evidence of what the model may say for itself.
-    """
-    there = [c for c in candidates if c.evidence >= MIN_EVIDENCE]
-    beyond = sorted(there, key=lambda c: alone[c.assumptions] - c.evidence)
-    first = _of_each_form(beyond)[:MIN_BEYOND]
-    others = [c for c in _of_each_form(there) if not any(c is x for x in first)]
-    return [*first, *others[: MAX_FITTED - len(first)]]
-
-
-def _of_each_form(candidates: Sequence[CauseCandidate]) -> list[CauseCandidate]:
-    """The first of every form of a cause, few of one name; one more where all are of one place."""
-    chosen: list[CauseCandidate] = []
-    for c in candidates:
-        same = [x for x in chosen if x.effect.name == c.effect.name]
-        places = {x.place for x in same}
-        most = MAX_OF_A_NAME + (len(places) == 1 and c.place not in places)
-        if len(same) < most and c.form not in [x.form for x in chosen]:
-            chosen.append(c)
-    return chosen
-
-
-def plain_forms_first(candidates: Sequence[CauseCandidate]) -> list[CauseCandidate]:
-    """Candidates in turn; of forms that these logs hardly tell apart the catalogue's first one.
-
-    Parameters
-    ----------
-    candidates : sequence of CauseCandidate
-        The strongest first.
-    """
-    result = list(candidates)
-    for k, c in enumerate(result):
-        same = [
-            x
-            for x in result[k + 1 :]
-            if x.place == c.place
-            and x.evidence > c.evidence - EQUAL_EVIDENCE
-            and _rank(x) < _rank(c)
-        ]
-        if same:
-            best = min(same, key=_rank)
-            result.remove(best)
-            result.insert(k, best)
-    return result
-
-
-def _rank(candidate: CauseCandidate) -> tuple[int, int]:
-    """Place of its first parameter among those that the cause knows, and how many it searches."""
-    known, searched = list(candidate.effect.known), candidate.effect.searched()
-    return min((known.index(reference_of(n)[0]) for n in searched), default=0), len(searched)

@@ -7,10 +7,11 @@ from dataclasses import replace
 
 import numpy as np
 
+from thermaltool.diagnosis.correction import without_lags
 from thermaltool.diagnosis.simulation import Series, SimulatedLogs
 from thermaltool.effects.effect import Float
-from thermaltool.model import away_from_rest, drive_rests, relative, rest_shifts
-from thermaltool.model.initial_state import start_decays
+from thermaltool.model import Model, away_from_rest, drive_rests, relative, rest_shifts
+from thermaltool.model.initial_state import SAME_POLE, mode_decays, start_decays
 from thermaltool.record import Record
 from thermaltool.units import is_absolute
 
@@ -20,6 +21,8 @@ MAX_DECAY = 10.0
 # How much warmer than its surroundings a machine as a whole may be when a log begins: a standard
 # deviation [K].
 UNIFORM_START = 2.0
+# Modes of a response with many of them that may be away from rest one by one.
+SLOWEST_MODES = 4
 # Directions of the decays weaker than this part of the strongest are left at rest.
 SINGULAR = 1e-10
 
@@ -41,6 +44,48 @@ def decays_of(runs: SimulatedLogs, output: str) -> list[Series]:
         for k, own in enumerate(runs.logs)
         for decay in start_decays(own.elapsed, slowest[k], own.period)
     ]
+
+
+def mode_starts(runs: SimulatedLogs, output: str) -> list[Series]:
+    """What the modes of an output add that are not at rest at the first row, one log each.
+
+    Parameters
+    ----------
+    runs : SimulatedLogs
+    output : str
+    """
+    most = MAX_DECAY * max(float(np.max(np.abs(y[output]))) for y in runs.outputs)
+    model, found = without_lags(runs.model), []
+    for k, own in enumerate(runs.logs):
+        for decay in _ways_to_rest(model, output, own.elapsed):
+            size = float(np.max(np.abs(decay)))
+            # What is gone by the second row would stand for an outlier.
+            if np.count_nonzero(np.abs(decay) > size / np.e) > 1:
+                unit = most / size * decay
+                found.append(
+                    [unit if j == k else np.zeros(len(log)) for j, log in enumerate(runs.logs)]
+                )
+    return found
+
+
+def _ways_to_rest(model: Model, output: str, elapsed: Float) -> list[Float]:
+    """How an output comes to rest by the modes of its responses, shapes (n,).
+
+    Of many modes the slowest, and the sum of all from a level at which each response had settled.
+    """
+    if few := mode_decays(model, output, elapsed):
+        return few
+    found: list[Float] = []
+    rates: list[float] = []
+    for response in (t.response for t in model.terms if t.output == output):
+        own = np.sort(np.abs(response.modes(model.sample_period).poles.real)).tolist()
+        for rate in own[:SLOWEST_MODES]:
+            if not any(abs(rate - other) <= SAME_POLE * rate for other in rates):
+                rates.append(rate)
+                found.append(np.exp(-rate * elapsed))
+        if len(own) > SLOWEST_MODES:
+            found.append(response.dc_gain() - response.step(elapsed))
+    return found
 
 
 def uniform_starts(runs: SimulatedLogs, output: str) -> list[Series]:

@@ -8,10 +8,11 @@ from functools import cached_property
 
 import numpy as np
 
+from thermaltool.diagnosis.assumptions import STARTS, Assumptions
 from thermaltool.diagnosis.balance import is_slight
 from thermaltool.diagnosis.correction import corrected
 from thermaltool.diagnosis.effect_intervals import intervals_of
-from thermaltool.diagnosis.evidence import DECISIVE_EVIDENCE, STARTS, Assumptions
+from thermaltool.diagnosis.evidence import DECISIVE_EVIDENCE
 from thermaltool.diagnosis.fit import CauseCandidate
 from thermaltool.diagnosis.hypothesis import Hypothesis
 from thermaltool.diagnosis.joint_fit import fitted_together

@@ -12,6 +12,7 @@ from collections.abc import Mapping, Sequence
 
 import numpy as np
 
+from thermaltool.diagnosis.assumptions import STARTS
 from thermaltool.diagnosis.evidence import DECISIVE_EVIDENCE
 from thermaltool.diagnosis.hypothesis import Hypothesis
 from thermaltool.diagnosis.residual import ResidualReport
@@ -23,7 +24,6 @@ from thermaltool.diagnosis.residual_budget import (
 )
 from thermaltool.diagnosis.result import Cause, Location, Verdict
 from thermaltool.diagnosis.severity import Severity
-from thermaltool.diagnosis.starts import decays_of
 from thermaltool.effects.unknown import Unknown
 from thermaltool.record import Record
 from thermaltool.units import parse_channel, printed
@@ -129,9 +129,9 @@ def nothing_moves(
         ]
         joined = groups.joined(moved) / hypothesis.white(output)
         visible += float(np.sum(np.square(joined)))
-        if "initial" in hypothesis.assumptions:
-            decays = decays_of(hypothesis.simulation, output)
-            visible -= len(decays) * float(np.log(max(len(joined), 1)))
+        ways = hypothesis.nuisance[output].beside
+        decays = [each for way in STARTS & hypothesis.assumptions for each in ways[way]]
+        visible -= len(decays) * float(np.log(max(len(joined), 1)))
     # As the fall of BIC by a response, without its price; a start that is fitted has its own.
     if visible > DECISIVE_EVIDENCE:
         return None
