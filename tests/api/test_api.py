@@ -66,6 +66,7 @@ def modules() -> list[ModuleType]:
     return [importlib.import_module(f"thermaltool.{name}") for name in api.PUBLIC]
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("module", modules(), ids=lambda module: module.__name__.rpartition(".")[2])
 def test_examples_run(module: ModuleType) -> None:
     finder = doctest.DocTestFinder(exclude_empty=True)

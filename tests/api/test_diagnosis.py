@@ -102,6 +102,7 @@ def test_a_log_in_another_unit_is_refused_with_the_line_of_a_map(fit: api.Calibr
         tt.diagnose(fit, other)
 
 
+@pytest.mark.slow
 def test_a_dead_probe_is_no_other_unit(fit: api.Calibration) -> None:
     dead = frame(3)
     dead["d_z_um"] = 0.003 * np.random.default_rng(20261128).standard_normal(len(TIME))
@@ -110,6 +111,7 @@ def test_a_dead_probe_is_no_other_unit(fit: api.Calibration) -> None:
     assert any("is this log in mm" in each for each in told)
 
 
+@pytest.mark.slow
 def test_records_that_were_not_read_are_told_apart_by_their_samples(fit: api.Calibration) -> None:
     first, second = (
         Record(

@@ -62,6 +62,7 @@ def test_a_network_shares_its_time_constants() -> None:
     )
 
 
+@pytest.mark.slow
 def test_a_subspace_model_finds_how_many_poles_its_outputs_share() -> None:
     found = tt.identify(record(), ["Q_motor_W"], ["d_z_um", "d_x_um"], structure="subspace",
                         validate=record(2))  # fmt: skip

@@ -111,6 +111,7 @@ def test_what_can_be_written_is_chosen():
         assert tt.identify(log, ["Q_main_W"], ["d_z_um"]).model.terms
 
 
+@pytest.mark.slow
 def test_logs_of_one_name_one_of_which_has_no_piece():
     sparse = machine(5).iloc[::2]
     found = tt.identify([machine(4), sparse], ["Q_main_W"], ["d_z_um"], structure="network",

@@ -47,6 +47,7 @@ def defaults(files, text):
     return "--config", path
 
 
+@pytest.mark.slow
 def test_defaults_are_named_like_the_options(thermaltool, files):
     table = 'drive = ["Q_main_1"]\nsensor = ["dT_pair1_K"]\nstarts = 1\njson = true\n'
     config = defaults(files, f"[calibrate]\n{table}output = '{files.folder / 'made.json'}'\n")

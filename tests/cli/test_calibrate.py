@@ -14,6 +14,7 @@ QUICK = ("--starts", 1)
 ONE_KIND = (*QUICK, "--response", "dT_pair1_K=conduction")
 
 
+@pytest.mark.slow
 def test_a_log_becomes_a_model(thermaltool, files):
     target = files.folder / "new.json"
     result = thermaltool("calibrate", files.log, *ROLES, "--starts", 2, "-o", target)
@@ -42,6 +43,7 @@ def test_a_log_becomes_a_model(thermaltool, files):
         assert set(term["covariance_names"]) <= set(term["parameters"])
 
 
+@pytest.mark.slow
 def test_stdin_to_stdout_and_again_the_same(thermaltool, files):
     arguments = ("calibrate", "-", *SENSOR, *ONE_KIND)
     result = thermaltool(*arguments, stdin=files.log.read_text())
@@ -54,6 +56,7 @@ def test_stdin_to_stdout_and_again_the_same(thermaltool, files):
     assert quiet.err == ""
 
 
+@pytest.mark.slow
 def test_json(thermaltool, files):
     target = files.folder / "new.json"
     result = thermaltool("calibrate", files.log, *SENSOR, *QUICK, "--json", "-o", target)
@@ -70,6 +73,7 @@ def test_json(thermaltool, files):
     assert "-o" in clash.err
 
 
+@pytest.mark.slow
 def test_max_rmse(thermaltool, files):
     target = files.folder / "new.json"
     arguments = ("calibrate", files.log, *SENSOR, *ONE_KIND, "-o", target)
@@ -79,6 +83,7 @@ def test_max_rmse(thermaltool, files):
     assert target.exists()  # ran, but the check did not pass
 
 
+@pytest.mark.slow
 def test_several_logs_and_a_stretch(thermaltool, files):
     result = thermaltool("calibrate", files.log, files.log, *SENSOR, *QUICK, "--stop", 1200)
     document = json.loads(result.out)
@@ -87,6 +92,7 @@ def test_several_logs_and_a_stretch(thermaltool, files):
     assert f"{files.log}: the same log again counts twice" in result.err
 
 
+@pytest.mark.slow
 def test_kind_and_fixed_radius(thermaltool, files):
     kind = ("--response", "dT_pair1_K=deflection")
     document = json.loads(thermaltool("calibrate", files.log, *SENSOR, *QUICK, *kind).out)
@@ -156,6 +162,7 @@ def holed(text):
     return "\n".join(lines) + "\n"
 
 
+@pytest.mark.slow
 def test_missing_values(thermaltool, files):
     text = holed(files.log.read_text())
     arguments = ("calibrate", "-", *SENSOR, *ONE_KIND)
@@ -171,6 +178,7 @@ def test_missing_values(thermaltool, files):
     assert rows == {"omit": 237, "hold": 240}
 
 
+@pytest.mark.slow
 def test_a_pause_is_told(thermaltool, files):
     lines = files.log.read_text().splitlines()
     text = "\n".join(lines[:100] + lines[140:]) + "\n"

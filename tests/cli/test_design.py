@@ -72,6 +72,7 @@ def test_the_report_as_json(paths, thermaltool):
     )
 
 
+@pytest.mark.slow
 def test_errors_are_one_line_and_heaters_are_off(paths, thermaltool):
     document = json.loads((paths / "c.json").read_text())
     document["control"][0]["maximum"] = 600.0

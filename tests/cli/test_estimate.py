@@ -145,6 +145,7 @@ def test_what_a_displacement_counts_from_is_told_and_a_warm_start_is_no_zero(the
             assert found["zero_rows"] == len(error)
 
 
+@pytest.mark.slow
 def test_a_warm_start_is_estimated_where_all_is_smoothed(thermaltool, files):
     header, *rows = files.log.read_text().splitlines()
     warm = "\n".join([header, *rows[110:]]) + "\n"

@@ -43,6 +43,7 @@ def test_a_stream_runs_on_numpy_alone(files, design, tmp_path):
     assert again.stdout.endswith("X0.0000\n")
 
 
+@pytest.mark.slow
 def test_other_streams_and_checks_run_on_numpy_alone(files):
     assert bare("check", files.log).returncode == 0
     assert bare("check", files.log, "-o", "-", "--to", "ndjson").returncode == 0

@@ -257,6 +257,7 @@ def test_commands_at_their_limit_are_told():
     assert "at the limit in" in err[-1]
 
 
+@pytest.mark.slow
 def test_a_loop_whose_commands_end_early_keeps_what_was_cut(tmp_path):
     pipe, log = tmp_path / "commands", tmp_path / "cut.csv"
     os.mkfifo(pipe)

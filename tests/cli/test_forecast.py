@@ -163,6 +163,7 @@ def test_a_stream_to_parquet_is_a_readable_file(fitted, log, tmp_path):
     assert (len(record), counted) == (300, False)
 
 
+@pytest.mark.slow
 def test_a_stream_to_parquet_that_is_ended_by_a_signal_is_whole(fitted, log, tmp_path):
     path = tmp_path / "ahead.parquet"
     text = log.read_bytes().splitlines(keepends=True)
@@ -183,6 +184,7 @@ def test_a_stream_to_parquet_that_is_ended_by_a_signal_is_whole(fitted, log, tmp
     assert parquet.read_table(path).num_rows == 100
 
 
+@pytest.mark.slow
 def test_a_stream_reads_lines_only(fitted, log, tmp_path):
     table = read_log(str(log))
     columns = {"time_s": table.time, **table.columns}

@@ -306,6 +306,7 @@ def test_a_network_shares_its_time_constants(thermaltool, pair, tmp_path):
     assert min(each["fit_percent"] for each in done.json.values()) > 98
 
 
+@pytest.mark.slow
 def test_other_commands_take_a_network(thermaltool, pair, tmp_path):
     """The power from the temperature, the displacement with it; its inverse; with a curve."""
     log, model, noise = (tmp_path / n for n in ("pair.csv", "model.json", "noise.json"))
@@ -344,6 +345,7 @@ def test_a_network_finds_its_delay(thermaltool, log):
     assert model["time_constants_s"] == pytest.approx([400, 40], rel=0.05)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(("changes", "extra", "message"), [
     ({"Q_main_W": lambda c: np.ones(2400)}, (), "Q_main_W does not excite"),
     ({name: lambda c: np.ones(2400) for name in ("d_z_um", "dT_pair_K")}, (), "is constant"),

@@ -68,6 +68,7 @@ def test_few_inputs_have_transfer_functions(thermaltool, log):
     assert done.json["models"][0]["structure"] == "oe"
 
 
+@pytest.mark.slow
 def test_what_no_output_follows_is_left_out(thermaltool, tmp_path):
     """The model needs only the inputs kept, and each other one is named with its reason."""
     rng = np.random.default_rng(1795573010)

@@ -147,6 +147,7 @@ def test_real_poles_are_no_oscillation(thermaltool, lag):
     assert done.json["models"][0]["terms"][0]["oscillations"] == []
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("structure", STRUCTURES)
 def test_too_few_validation_rows_are_counted(thermaltool, lag, tmp_path, structure):
     call = ("identify", lag, *ONE, *structure, *orders(structure))

@@ -82,6 +82,7 @@ def test_what_is_told_of_few_rows_counts_those_that_are_fitted(
     )
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("changed", "options", "said"),
     [
@@ -147,6 +148,7 @@ def test_twelve_rows_are_too_few_for_every_structure(thermaltool, tmp_path, colu
     assert said.count("d_z_um") == 1
 
 
+@pytest.mark.slow
 def test_what_stands_in_for_a_structure_that_does_not_fit_is_said(thermaltool, tmp_path, columns):
     log = written(tmp_path / "run.csv", columns, slice(16, 36))
     done = thermaltool("identify", log, *CALL)

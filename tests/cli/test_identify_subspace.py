@@ -76,6 +76,7 @@ def test_the_table_names_pair_and_feedthrough(thermaltool, log):
     assert "of 4 candidates the best first" in done.out
 
 
+@pytest.mark.slow
 def test_the_stream_gives_what_the_simulation_gives(thermaltool, log, columns, tmp_path):
     """Both inputs are measured: the set point compensates what the model says, row by row."""
     model, design, noise = (tmp_path / f"{n}.json" for n in ("model", "design", "noise"))

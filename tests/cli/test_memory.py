@@ -36,6 +36,7 @@ def bytes_a_row(name, folder, paths, rows=ROWS, averaged=0):
     return (many - few) / (rows[1] - rows[0])
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("name", QUICK)
 def test_a_row_takes_few_bytes(name, folder, paths):
     assert bytes_a_row(name, folder, paths) < COMMANDS[name].limit

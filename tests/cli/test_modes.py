@@ -231,6 +231,7 @@ def test_pieces_that_share_no_points_are_named(thermaltool, tmp_path):
     assert "in 2 pieces that share no points" in done.err
 
 
+@pytest.mark.slow
 def test_a_log_gives_shared_time_constants(thermaltool, tmp_path, spindle_log):
     figure = tmp_path / "m.svg"
     done = thermaltool("modes", spindle_log, *LOG_CALL, "--json", "--plot", figure)

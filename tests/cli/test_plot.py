@@ -20,6 +20,7 @@ def plot(*arguments: str | Path, stdin: str = "") -> subprocess.CompletedProcess
     return subprocess.run(command, input=stdin.encode(), capture_output=True)
 
 
+@pytest.mark.slow
 def test_a_pipe_in_and_a_pipe_out() -> None:
     result = plot(stdin=LOG)
     assert result.returncode == 0
@@ -99,6 +100,7 @@ def test_stdin_twice(thermaltool) -> None:
     assert "stdin can be only one of the files" in result.err
 
 
+@pytest.mark.slow
 def test_no_figure_onto_a_terminal(tmp_path: Path) -> None:
     log = tmp_path / "log.csv"
     log.write_text(LOG)

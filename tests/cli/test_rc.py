@@ -53,6 +53,7 @@ def run(tmp_path, thermaltool):
     return call
 
 
+@pytest.mark.slow
 def test_printed_fit_is_that_of_simulate(run, thermaltool):
     folder = run.folder
     done = run("--network", folder / "two.toml", "--validate", folder / "other.csv", "--json", "-o",
@@ -76,6 +77,7 @@ def test_printed_fit_is_that_of_simulate(run, thermaltool):
         assert network["resistances"][f"{name}.conductance"]["value"] == 1 / e["value"]
 
 
+@pytest.mark.slow
 def test_networks_are_compared_and_the_sufficient_one_is_written(run):
     folder = run.folder
     done = run("--network", folder / "two.toml", "--network", folder / "one.toml", "--split", "0.7",
@@ -88,6 +90,7 @@ def test_networks_are_compared_and_the_sufficient_one_is_written(run):
     assert {term["kind"] for term in model["terms"]} == {"rational2"}
 
 
+@pytest.mark.slow
 def test_missing_readings_and_a_pause_are_left_out(run):
     lines = (run.folder / "run.csv").read_text().splitlines()
     lines = [line.rpartition(",")[0] + "," if k % 7 == 3 else line for k, line in enumerate(lines)]

@@ -211,6 +211,7 @@ def test_a_full_disk_leaves_the_old_file(files):
     assert [path.name for path in files.folder.glob(".*")] == []
 
 
+@pytest.mark.slow
 def test_a_full_device(files):
     with open("/dev/full", "w") as full:
         result = outside("simulate", files.model, files.log, "-q", stdout=full,

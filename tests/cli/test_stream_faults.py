@@ -289,6 +289,7 @@ def test_a_closed_stdin_is_an_error_behind_a_safe_line(model):
     assert done.stderr == b"thermaltool compensate: <stdin>: closed\n"
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("number", [signal.SIGQUIT, signal.SIGALRM, signal.SIGUSR1, signal.SIGHUP])
 def test_other_signals_end_with_the_safe_line_too(model, number):
     process = start(model)
@@ -323,6 +324,7 @@ def test_a_kept_state_from_the_future_is_gone_on_from(model, tmp_path):
     assert {line.rpartition(",")[2] for line in out[2:-1]} == {"ok"}
 
 
+@pytest.mark.slow
 def test_where_the_actuator_stands_is_left_for_the_safe_setpoint_without_any_line(model):
     process = start(model, "--at", "-30", "--timeout", "0.2", "--slew", "20")
     process.stdin.write(ONE)
@@ -341,6 +343,7 @@ def test_a_spike_behind_a_filter_is_left_as_it_came(model):
     assert set(words[420:-1]) == {"ok"}
 
 
+@pytest.mark.slow
 def test_a_sensor_that_others_confirm_counts_again(watched):
     """It went wrong slowly and came back at once: what jumped was right."""
     values = readings(1600)
@@ -353,6 +356,7 @@ def test_a_sensor_that_others_confirm_counts_again(watched):
     assert np.max(np.abs(setpoints(out[1201:-1]) - setpoints(clean[1201:-1]))) <= 2.0
 
 
+@pytest.mark.slow
 def test_a_sensor_that_was_lost_long_is_not_trusted_through_the_others(watched):
     """The filter without B has taken what A was held at: it does not stand in for B next."""
     values = readings(1200)
@@ -375,6 +379,7 @@ def test_lines_with_other_fields_do_not_set_the_clock(model):
     assert [line for k, line in enumerate(out) if k not in (151, 152)] == clean
 
 
+@pytest.mark.slow
 def test_lost_lines_of_a_stream_without_a_clock_are_counted(model):
     process = start(model, "--period", "0.1")
     process.stdin.write(b"T_near_degC\n")
@@ -389,6 +394,7 @@ def test_lost_lines_of_a_stream_without_a_clock_are_counted(model):
     assert float(last.split(",")[0]) == pytest.approx(2.9)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(("sensors", "change"), [(1, 6.0), (1, -5.0), (3, 6.0)])
 def test_one_reading_that_jumps_is_not_used(model, watched, sensors, change):
     values = readings(500)[:, :sensors]
@@ -412,6 +418,7 @@ def test_a_sensor_that_steps_for_good_is_lost_and_alone_leads_to_the_safe_setpoi
     assert "safe setpoint" in said
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("what", ["steps", "is lost", "comes off", "was never there"])
 def test_one_of_three_sensors_is_left_out_and_the_others_go_on(watched, what):
     values = readings(1200)
@@ -433,6 +440,7 @@ def test_one_of_three_sensors_is_left_out_and_the_others_go_on(watched, what):
     assert "T_far_degC: left out" in said
 
 
+@pytest.mark.slow
 def test_what_is_left_out_stays_out_over_a_restart(watched, tmp_path):
     state, values = tmp_path / "state.json", readings(1600)
     bad = values.copy()
@@ -471,6 +479,7 @@ def test_while_it_is_safe_each_tick_has_a_line(model):
     process.communicate()
 
 
+@pytest.mark.slow
 def test_the_audit_log_has_every_change_of_state(model, tmp_path):
     path = tmp_path / "audit.ndjson"
     os.mkfifo(tmp_path / "fifo")

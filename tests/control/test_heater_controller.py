@@ -151,6 +151,7 @@ def test_heats_stay_within_limits_and_documents_come_back(model, method):
     assert powers.max() <= FULL
 
 
+@pytest.mark.slow
 def test_a_plan_of_known_duration_holds_less_than_the_regulator_that_saturates(model):
     duration, level = 3000.0, 70.0
     planned, powers, _, _, _ = closed_loop(controller(model, duration=duration), level, duration)
@@ -161,6 +162,7 @@ def test_a_plan_of_known_duration_holds_less_than_the_regulator_that_saturates(m
     assert powers.min() >= 0
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(("gain", "slower"), [(0.8, 1.3), (1.2, 0.7)])
 def test_the_loop_is_stable_where_the_machine_differs(model, gain, slower):
     plant = Plant(gain, slower)
@@ -178,6 +180,7 @@ def test_noise_moves_heaters_little_where_limits_bind(model):
     assert max(np.ptp(last[k : k + 6], axis=0).max() for k in range(70)) < 0.2 * FULL
 
 
+@pytest.mark.slow
 def test_where_axes_suffice_there_is_next_to_no_heat(model):
     wide = controller(model, axes={X: 1000.0, Y: 1000.0})
     y, powers, _, _, process = closed_loop(wide, 70.0, 250.0)
@@ -221,6 +224,7 @@ def test_an_axis_holds_what_no_heater_moves():
     assert np.abs(made.trials[0].held[X]).max() == 0
 
 
+@pytest.mark.slow
 def test_samples_of_any_length(model):
     steps = np.random.default_rng(2).uniform(5.0, 20.0, 100).round(3)
     for method in ("receding-horizon", "output-lqr"):
@@ -260,6 +264,7 @@ def test_without_a_plan_the_last_one_goes_on_then_there_is_no_heat(model, monkey
     ]
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("power", [0.0, FULL])
 def test_a_heater_that_does_not_follow_is_found_and_the_other_goes_on(model, power):
     def fault(time, given):
@@ -300,6 +305,7 @@ def heats_of_lines(control, **more):
     return y, powers, states, said, process
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("method", ["receding-horizon", "output-lqr"])
 def test_without_its_temperature_the_model_goes_on_then_the_last_heats_then_none(model, method):
     y, powers, states, said, _ = heats_of_lines(controller(model, method))
@@ -326,6 +332,7 @@ def test_readings_that_come_back_count_again(model):
     assert json.loads(json.dumps(process.state())) == kept
 
 
+@pytest.mark.slow
 def test_what_is_foretold_is_what_a_quiet_sensor_reads(model):
     # Without noise and with the disturbance known to the filter nothing parts them.
     read = closed_loop(controller(model), 40.0, 400.0, noise=0.0)[0]
@@ -370,6 +377,7 @@ def test_a_power_that_is_held_counts_as_it_is_set(model):
     assert not any("does not follow" in line for line in said)
 
 
+@pytest.mark.slow
 def test_a_meter_of_the_wrong_sign_does_not_count():
     _, powers, states, said, _ = closed_loop(
         controller(designed(machine())), 40.0, 600.0, read=lambda power: -power
@@ -474,6 +482,7 @@ def test_a_power_that_was_calibrated_as_measured_is_set_and_a_dead_time_becomes_
         design_controller(designed(replace(bare, drives=drives, terms=longer)), plan)
 
 
+@pytest.mark.slow
 def test_heaters_that_bend_the_same_way_as_the_step_are_told():
     turned = {
         (drive, output): [(k if drive == MAIN or output == PROBE else -k, tau) for k, tau in lags]
@@ -491,6 +500,7 @@ def test_heaters_that_bend_the_same_way_as_the_step_are_told():
     assert note.startswith("Q_a_W stays off in every trial")
 
 
+@pytest.mark.slow
 def test_a_limit_beyond_the_calibration_is_told(model):
     design = design_controller(model, ControlPlan([(A, 3 * FULL), (B, FULL)]))
     assert "Q_a_W: what more than 100 does is extrapolated" in design.notes[0]

@@ -43,6 +43,7 @@ def log(acting: np.ndarray, seed: int, **more: np.ndarray) -> Record:
     return Record(TIME, {"Q_main_1": LEVELS, **machine(acting, seed), **more}, digest=f"log {seed}")
 
 
+@pytest.mark.slow
 def test_a_clean_log_is_adequate(model: Model) -> None:
     found = diagnose(model, [log(LEVELS, 2)])
     assert found.adequate
@@ -77,6 +78,7 @@ def test_heat_by_the_square_is_found_and_then_known(model: Model) -> None:
     assert not again.causes
 
 
+@pytest.mark.slow
 def test_an_accident_acts_in_its_own_log_alone(model: Model) -> None:
     clean = log(LEVELS, 4)
     jumped = {**clean.columns, "d_y_um": clean.columns["d_y_um"] + 2.0 * (TIME > 1500)}
@@ -95,6 +97,7 @@ def test_an_accident_acts_in_its_own_log_alone(model: Model) -> None:
     )
 
 
+@pytest.mark.slow
 def test_an_accident_needs_no_unseen_log_to_show_it(model: Model) -> None:
     """What happened in the morning cannot help in the evening; it is told on the morning's rows."""
     hit = log(LEVELS, 4)
@@ -166,6 +169,7 @@ def test_the_gantry_names_its_bed() -> None:
     assert gain.rms_after < 9.0 < 12.0 < gain.rms_before
 
 
+@pytest.mark.slow
 def test_a_drive_that_is_only_on_or_off(model: Model) -> None:
     wrong = log((LEVELS > 0) * 1.0, 8)
     (cause,) = diagnose(model, [wrong]).causes

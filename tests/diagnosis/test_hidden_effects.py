@@ -78,6 +78,7 @@ def check_half(half: int, count: int, without: int, least: float = 0.7, alarms: 
     assert np.median(errors) <= 0.2
 
 
+@pytest.mark.slow
 def test_a_hidden_effect_is_named():
     """One log of one machine; the longer tests have the others."""
     _, each = trials_of(0, 2, 0)

@@ -34,6 +34,7 @@ def weakened(begins=0.0, gain=0.8):
     return model, Record(begins + TIME, {HEAT: heat.astype(float), BEND: bend}, digest="log")
 
 
+@pytest.mark.slow
 def test_an_instant_behind_a_standstill():
     # While the drive is off, all instants are as good as one another.
     model, log = weakened()
@@ -44,6 +45,7 @@ def test_an_instant_behind_a_standstill():
     assert parameters["time"] == pytest.approx(9400.0, abs=DT)
 
 
+@pytest.mark.slow
 def test_instants_are_told_from_the_first_row_where_the_clock_counts_from_1970():
     model, log = weakened(begins=1.772e9)
     frame = pd.DataFrame({"time_s": log.time, **log.columns})
@@ -58,6 +60,7 @@ def test_instants_are_told_from_the_first_row_where_the_clock_counts_from_1970()
     assert re.search(r"worst from 2\.\d+ to \d\.\d+ h", found.table())
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("begins", [0.0, 1.772e9])
 @pytest.mark.parametrize("since", [0.0, 7200.0])
 def test_a_drift_is_told_from_the_instant_at_which_it_begins(begins, since):

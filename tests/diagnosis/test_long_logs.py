@@ -91,6 +91,7 @@ def test_what_is_found_is_told_as_simulate_runs_it_on_all_rows(model: Model) -> 
     assert cause.held_out[BEND].rms_before == pytest.approx(cause.gain[BEND].rms_before, rel=0.05)
 
 
+@pytest.mark.slow
 def test_outliers_among_the_readings_are_found(model: Model) -> None:
     wrong = log(MANY, 4)
     bad = np.random.default_rng(5).choice(MANY, 40, replace=False)

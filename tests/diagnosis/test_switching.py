@@ -7,8 +7,8 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
+from thermaltool.diagnosis.assumptions import released
 from thermaltool.diagnosis.diagnose import diagnose
-from thermaltool.diagnosis.evidence import released
 from thermaltool.diagnosis.hypothesis import Hypothesis
 from thermaltool.diagnosis.residual_budget import OutputResiduals, budget_of
 from thermaltool.diagnosis.simulation import SimulatedLogs
@@ -91,6 +91,7 @@ def test_switching_is_no_misfit_of_a_model_that_is_free():
     assert not budget.wrong
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("seed", [5, 6, 7])
 def test_commands_that_act_late_are_a_cause(seed, monkeypatch):
     monkeypatch.setitem(globals(), "NOISE", 0.1)
@@ -101,6 +102,7 @@ def test_commands_that_act_late_are_a_cause(seed, monkeypatch):
     assert cause.effect.parameters.get("delay", 10.0) == pytest.approx(10.0, abs=1.0)
 
 
+@pytest.mark.slow
 def test_a_step_is_found_beside_switches():
     found = diagnose(model(), [log(4, step=0.3)])
     assert [c.effect.name for c in found.causes] == ["geometry_step"]

@@ -9,8 +9,8 @@ import pandas as pd
 import pytest
 
 import thermaltool as tt
+from thermaltool.diagnosis.assumptions import released
 from thermaltool.diagnosis.diagnose import diagnose
-from thermaltool.diagnosis.evidence import released
 from thermaltool.diagnosis.hypothesis import Hypothesis
 from thermaltool.diagnosis.no_signature import too_short
 from thermaltool.diagnosis.residual_budget import ResidualBudget, misfit_of
@@ -95,6 +95,7 @@ def test_a_noisier_log_among_others_has_a_noise_of_its_own(model: Model, step: f
     assert (found.verdict, found.causes) == ("adequate", ())
 
 
+@pytest.mark.slow
 def test_a_start_that_simulate_finds_is_told(model: Model) -> None:
     """Slow heat that is there at the first row, and a day that begins at rest."""
     warm = machine(DUTY, 41) - 6.0 * np.exp(-TIME / 900)
@@ -103,6 +104,7 @@ def test_a_start_that_simulate_finds_is_told(model: Model) -> None:
     assert any("not begin at rest" in note for note in found.notes)
 
 
+@pytest.mark.slow
 def test_a_short_calibration_comes_before_any_cause() -> None:
     """Fifteen minutes with one step leave open what a machine of eight minutes does later."""
     rows = 300
@@ -128,6 +130,7 @@ def says_too_short(model: Model, deflection: np.ndarray, covered: float = 1.9) -
     return cause is not None
 
 
+@pytest.mark.slow
 def test_something_slow_besides_is_no_short_calibration(model: Model) -> None:
     """A model that is free bends with it, and does not come to be right."""
     for middle in (450.0, 700.0, 1200.0):
@@ -176,6 +179,7 @@ def unparted() -> Model:
     return together(0.01, None, 7)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("day", ["alone", "apart"])
 def test_what_the_calibration_leaves_open_is_told_by_its_drive(unparted: Model, day: str) -> None:
     """The fan runs alone another day, or beside the heater at other times."""
@@ -208,6 +212,7 @@ def test_a_drive_that_went_with_another_is_told_as_such(unparted: Model) -> None
     assert "these logs do not tell whose response is whose" in told
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("draw", [7, 17, 27, 37])
 def test_ends_of_a_search_that_come_as_near_are_all_possible(draw: int) -> None:
     """Twelve parameters for what four do: drives share the response in many ways."""
@@ -268,6 +273,7 @@ def test_wrong_bursts_are_found(model: Model, burst: int) -> None:
     assert found.residuals["d_y_um"].noise.white < 0.2
 
 
+@pytest.mark.slow
 @pytest.mark.filterwarnings("error")
 def test_a_reading_that_stands_still_is_judged_in_silence(model: Model) -> None:
     found = diagnose(model, [log(np.full(len(DUTY), 5.0), "dead")])
@@ -297,6 +303,7 @@ def test_between_noise_and_misfit_there_is_no_cliff() -> None:
     assert np.max(np.diff(found)) < 0.001
 
 
+@pytest.mark.slow
 def test_a_log_in_which_nothing_moves_cannot_judge():
     time, noise = np.arange(0.0, 6000.0, 10.0), np.random.default_rng(5)
 
@@ -349,6 +356,7 @@ def one_mass():
     return fit, duty
 
 
+@pytest.mark.slow
 def test_a_steady_state_cannot_judge(one_mass):
     """A drive that acts all along moves nothing that its steady state has not."""
     model, duty = one_mass
@@ -358,6 +366,7 @@ def test_a_steady_state_cannot_judge(one_mass):
     assert "Q_motor_W" in found["undecided"][0]
 
 
+@pytest.mark.slow
 def test_a_sensor_that_never_moves_is_frozen(one_mass):
     model, duty = one_mass
     log = driven_frame(duty, frozen=True)

@@ -180,6 +180,7 @@ def test_an_output_that_only_unseen_logs_have(thermaltool, folder, model):
     assert "no column d_y_um (there are: " in found.err
 
 
+@pytest.mark.slow
 def test_outliers_change_nothing_of_the_model(thermaltool, folder, model):
     rows = (folder / "calm.csv").read_text().splitlines()
     for k in range(40, 1200, 45):
@@ -193,6 +194,7 @@ def test_outliers_change_nothing_of_the_model(thermaltool, folder, model):
     assert "the written model takes" not in found.err
 
 
+@pytest.mark.slow
 def test_without_a_cause_the_file_is_the_input_byte_for_byte(thermaltool, folder, model):
     odd = folder / "odd.json"
     odd.write_text(json.dumps(json.loads(model.read_text()), indent=7) + "\n\n")
@@ -250,6 +252,7 @@ def test_a_zero_that_moves_under_a_warm_start_is_worse():
     assert (log.digest, output) == ("warm", "d_y_um")
 
 
+@pytest.mark.slow
 def test_decays_that_cancel_are_a_start():
     response = replace(QUICK.terms[0].response, a=1 / 2500.0, b=0.01, D=0.0, d=0.1)
     slow = replace(QUICK, terms=(replace(QUICK.terms[0], response=response),))
@@ -282,6 +285,7 @@ def test_what_a_warm_start_hides_is_right_and_written():
     assert (log.digest, output) == ("warm", "d_y_um")
 
 
+@pytest.mark.slow
 def test_the_curves_of_a_report_are_those_of_simulate():
     calm = record(QUICK, 1)
     read = calm.columns["d_y_um"] + 60.0 * np.exp(-TIME / 150.0) + 3.0 * (TIME > 2000.0)

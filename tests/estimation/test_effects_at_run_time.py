@@ -187,6 +187,7 @@ def baseline():
 # ---------------------------------------------------------------- batch and stream
 
 
+@pytest.mark.slow
 @supported
 @pytest.mark.parametrize("settled", [False, True])
 def test_batch_is_stream(name, settled):

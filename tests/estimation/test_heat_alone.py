@@ -29,6 +29,7 @@ def wall_log(wall, time, flux, generator):
     return pd.DataFrame({"time_s": time, "Q_front_W": flux, "T_back_degC": back})
 
 
+@pytest.mark.slow
 def test_the_flux_into_a_wall_from_its_other_face():
     wall, generator = Wall(), np.random.default_rng(31)
     slowest, *_, fastest = wall.time_constants()[:2]

@@ -324,6 +324,7 @@ def jittered(generator, heat, period=DT, pause=0):
     return kalman, clock[kept], read[kept]
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("pause", [0, 25])
 def test_steps_are_found_where_rows_jitter(pause):
     heat = np.repeat([0.0, 10.0, 3.0], [20, 80, 100])

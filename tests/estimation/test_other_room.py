@@ -53,6 +53,7 @@ def design():
     return tt.regularize(fit, still, measured=["T_room_degC"], form="kalman", warn=str)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("colder", [0.44, 3.0])
 @pytest.mark.parametrize("how", [{}, {"smooth": True}, {"bands": True, "lag": 120.0}])
 def test_a_soaked_machine_has_no_heat(design, colder, how):

@@ -57,6 +57,7 @@ def test_a_warm_start_is_no_alarm(design, how):
     assert alarm(design, how) == "quiet"
 
 
+@pytest.mark.slow
 def test_a_warm_machine_that_loses_more_heat_has_one(design):
     assert alarm(design, {"smooth": True}, loss=0.5 / LAGS[-1]) == "parted"
 
@@ -118,6 +119,7 @@ def test_a_machine_that_is_a_little_warm_has_none(design):
     assert found.alarm.word == "quiet"
 
 
+@pytest.mark.slow
 def test_a_start_that_is_a_little_warm_is_estimated(design):
     # 0.25 K and less where the calibration has seen 5 K, and noise is 0.02 K.
     heat = np.repeat([0.05, 0.05, 0.7, 0.3], [500, 40, 100, 60])

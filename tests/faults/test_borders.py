@@ -137,6 +137,7 @@ def test_words_for_files_stay_in_their_folder_and_differ() -> None:
         assert 0 < len(word.encode()) < 120
 
 
+@pytest.mark.slow
 def test_a_report_writes_beside_itself_whatever_channels_are_called(thermaltool, files) -> None:
     folder = files.folder / "deep" / "er"
     folder.mkdir(parents=True)
@@ -194,6 +195,7 @@ def test_what_a_slow_run_is_writing_stays(tmp_path) -> None:
     assert target.read_bytes() == b"slow"
 
 
+@pytest.mark.slow
 def test_a_hang_up_takes_the_temporary_file_away(tmp_path) -> None:
     code = (
         "import os, signal, time, thermaltool.cli as cli\n"

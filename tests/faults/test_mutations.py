@@ -11,6 +11,7 @@ from faults.mutations import spoil
 COUNT = 300
 
 
+@pytest.mark.slow
 @pytest.mark.filterwarnings("default")
 def test_a_spoiled_file_is_answered_in_one_line(tmp_path) -> None:
     seed = int(os.environ.get("THERMALTOOL_FAULT_SEED") or int.from_bytes(os.urandom(4), "big"))

@@ -132,6 +132,7 @@ def test_averages_tell_what_all_rows_tell(log, monkeypatch):
     assert np.all(own_error < 1.5 * error)
 
 
+@pytest.mark.slow
 def test_a_drive_that_switches_all_the_time_is_followed_within_averages(monkeypatch):
     record = switched_fast()
     whole, error = parameters(calibrate([record], PLAN))
@@ -143,6 +144,7 @@ def test_a_drive_that_switches_all_the_time_is_followed_within_averages(monkeypa
     assert abs(parameters(calibrate([record], PLAN))[0][0] - whole[0]) > 3 * error[0]
 
 
+@pytest.mark.slow
 def test_kinds_are_chosen_alike(monkeypatch):
     record, plan = even(), replace(PLAN, kinds={}, choose=True)
     whole = calibrate([record], plan)

@@ -51,6 +51,7 @@ def test_feedthrough_that_instants_do_not_explain_is_left():
     assert found.lagging == ()
 
 
+@pytest.mark.slow
 def test_a_model_of_commands_between_rows_has_no_feedthrough():
     """And the model file runs along straight lines, as the fit does."""
     record = log(5, between=True)

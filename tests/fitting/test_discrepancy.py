@@ -71,6 +71,7 @@ def two_drives(units):
     return Record(time, {**columns, OUTPUT: y + noise}, digest="log")
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     "units", [{"Q_a_kW": 1e-3, "Q_b_mW": 1e3}, {"Q_a_mW": 1e3, "Q_b_kW": 1e-3}]
 )

@@ -47,6 +47,7 @@ def test_commands_between_rows_go_along_lines(between, hold):
     assert np.std(error) <= (0.8 if between else 1.001) * np.std(usual)
 
 
+@pytest.mark.slow
 def test_what_is_told_to_be_held_is_held():
     plan = CalibrationPlan((HEAT,), (OUTPUT,), hold="zero", choose=True)
     assert calibrate([log_of(1, True, "one")], plan).drives[0].hold == "zero"

@@ -103,6 +103,7 @@ def test_a_linear_drive_is_taken_as_it_is(seed):
     assert not calibrate([log_of("linear", seed)], PLAN).effects
 
 
+@pytest.mark.slow
 def test_two_levels_say_nothing_of_a_curve():
     assert not calibrate([log_of("square", 20261129, levels=(0.0, 1.0))], PLAN).effects
 
@@ -403,6 +404,7 @@ def test_a_loss_in_proportion_is_taken_as_it_is():
     assert not calibrate([log], ROD_PLAN).effects
 
 
+@pytest.mark.slow
 def test_states_of_a_grid_decay_faster_by_a_rate_that_changes():
     """As a simulation has them, and within what a held sample is off of steps without end."""
     time = np.cumsum(np.r_[0.0, np.random.default_rng(20261128).uniform(5.0, 20.0, 60)])

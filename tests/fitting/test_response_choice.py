@@ -133,6 +133,7 @@ def test_a_wall_has_its_films(seed):
     assert wall.depth == pytest.approx((probe + 0.5) / cells, abs=0.02)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("seed", [1, 2])
 def test_a_delay_that_the_log_shows_is_found(seed):
     u = switched(seed)
@@ -144,6 +145,7 @@ def test_a_delay_that_the_log_shows_is_found(seed):
     assert agreements(model, [record(other, late, 0.02, 9)])[OUTPUT].rmse < 0.025
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("seed", [1, 2])
 def test_a_drive_that_does_nothing_is_left_out_and_told(seed):
     u = switched(seed)
@@ -158,6 +160,7 @@ def test_a_drive_that_does_nothing_is_left_out_and_told(seed):
     assert agreements(model, [log])[OUTPUT].rmse == pytest.approx(0.05, rel=0.1)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("seed", [1, 2, 3])
 def test_a_lag_that_a_third_of_a_readings_noise_shows_is_taken(seed):
     time = 10.0 * np.arange(3000)
@@ -206,6 +209,7 @@ def test_of_kinds_as_simple_the_evidence_decides(gains, taus, sigma):
     assert chosen(model)["kinds"] == ["rational2"]
 
 
+@pytest.mark.slow
 def test_a_kind_that_is_truer_but_hardly_nearer_is_told():
     """What readings hardly show is left out; that intervals do not hold it is said."""
     u = switched(1)

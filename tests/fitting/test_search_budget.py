@@ -24,6 +24,7 @@ def machine():
     return pd.DataFrame({"time_s": time, "Q_main_W": power, "d_x_um": noisy, "d_y_um": 2 * noisy})
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("structure", STRUCTURES)
 def test_without_time_the_first_candidate_is_fitted(structure):
     said = []
@@ -33,6 +34,7 @@ def test_without_time_the_first_candidate_is_fitted(structure):
     assert said[-1].startswith("the choice was ended: the best of")
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("structure", STRUCTURES)
 def test_an_interrupt_ends_the_choice(structure, monkeypatch):
     class Interrupted(SearchBudget):

@@ -76,6 +76,7 @@ def test_a_machine_that_cools_as_its_log_begins():
     )
 
 
+@pytest.mark.slow
 def test_rest_is_taken_for_rest():
     model = calibrate([log_of(20261124)], PLAN)
     assert starts_free(model) == {False}
@@ -124,6 +125,7 @@ def with_open_gains(model, output):
     return replace(model, terms=tuple(terms))
 
 
+@pytest.mark.slow
 def test_each_output_begins_as_leaves_fewer_gains_open():
     log = log_of(20261128)
     free, rested = (
@@ -146,6 +148,7 @@ def test_each_output_begins_as_leaves_fewer_gains_open():
     assert starts_free(free_where_known(free, rested)) == {True}
 
 
+@pytest.mark.slow
 def test_gains_from_rest_that_leave_what_a_start_explains_are_no_better_known():
     log = log_of(20261128, before=150.0)
     free, rested = (

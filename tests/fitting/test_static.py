@@ -82,6 +82,7 @@ def test_a_spline_follows_a_curve_that_is_no_spline(refit):
         np.testing.assert_allclose(curve.bent(u), true.bent(u), atol=1.0)
 
 
+@pytest.mark.slow
 def test_dynamics_and_curve_from_one_record():
     wrong = {
         ends: replace(r, **{n: getattr(r, n) * 1.6 for n in (*r.searched, *r.gains)})
@@ -200,6 +201,7 @@ def test_the_logs_of_the_fit_are_told():
     ]
 
 
+@pytest.mark.slow
 def test_missing_readings_are_left_out():
     whole = log(model(*CURVES))
     holed = {**whole.columns, ANGLE: whole.columns[ANGLE].copy()}
@@ -259,6 +261,7 @@ def test_a_drift_pulls_less_at_the_slow_lags(monkeypatch):
     assert errors[static.NOISE_ROUNDS] < 0.95 * errors[0]
 
 
+@pytest.mark.slow
 def test_gains_do_not_cancel():
     """Lags that nearly agree need no gains far beyond what output and drive move by."""
     single = model(drives=(FIRST,), outputs=(ANGLE,))

@@ -40,6 +40,7 @@ def found(frame: pd.DataFrame, command: str) -> list[float]:
     return sorted((-1 / response.modes(1.0).poles.real).tolist())
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("command", "even"),
     [

@@ -124,6 +124,7 @@ def test_no_strength_is_no_effect_and_a_little_is_little(kind):
         assert max(np.ptp(x) for x in change.values()) > 1e-4
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("name", PLANTS)
 def test_a_size_is_reached(name):
     plant = machine(name)

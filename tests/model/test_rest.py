@@ -175,6 +175,7 @@ def test_a_machine_at_rest_is_as_warm_as_its_room(rooms):
     assert loads(dumps(model)).drives == model.drives
 
 
+@pytest.mark.slow
 def test_rest_that_the_records_deny_does_not_move():
     """A cooled machine whose zero goes against the room: a gain of the swing says nothing of it."""
     logs = [in_a_room(first, k) for k, first in enumerate((18.0, 22.0))]

@@ -108,6 +108,7 @@ def test_every_kind(kind, hold, time):
         check(one_term(response, hold), Record(time, {HEAT: COURSE}))
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("name", CATALOGUE)
 def test_every_effect_on_every_hold(name):
     """None of the catalogue is left out: each has a causal step."""
@@ -139,6 +140,7 @@ def test_none_that_is_no_cause_is_left_out():
     assert {each.name for each in BESIDE} == set(NO_CAUSES)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("name", [n for n in CATALOGUE if effect_class(n).side != "wiring"])
 def test_rows_missing_beside_the_drives(name):
     holed = {c: v.copy() for c, v in log().columns.items()}
@@ -190,6 +192,7 @@ def everything(hold="zero"):
     return replace(small, drives=drives, terms=(*small.terms, *extra))
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("hold", ["zero", "first"])
 def test_all_at_once(hold):
     check(everything(hold), log(), restart=555)

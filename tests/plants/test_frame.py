@@ -164,6 +164,7 @@ def test_outputs_are_linear_in_the_heat(plant):
         np.testing.assert_allclose(quarter[name], 0.25 * full[name], atol=1e-9)
 
 
+@pytest.mark.slow
 def test_reduced_plant_repeats_the_full_one(plant):
     reduced = reduce_frame(plant, 20)
     dt, n = 0.5, 800
@@ -180,6 +181,7 @@ def test_reduced_plant_repeats_the_full_one(plant):
         assert np.abs(column - full[name]).max() < 1e-3
 
 
+@pytest.mark.slow
 def test_stated_error_of_the_reduction_is_that_against_the_full_model(plant):
     s = 1j * np.array([1e-4, 1e-3, 1e-2, 0.1, 1.0])
     observe = np.array([plant.rows[name] for name in (*PROBE_PAIRS, "d_x_um", "d_y_um")])

@@ -40,6 +40,7 @@ def test_clean_log_rests_until_the_heat():
     assert not lines[6].endswith(",0,0")
 
 
+@pytest.mark.slow
 def test_a_seed_repeats_a_log():
     first, again = (run("frame", "--duration", 3, "--seed", 7).stdout for _ in range(2))
     assert first == again

@@ -172,6 +172,7 @@ def warm(rows, before, changes, generator):
     return (out + 0.05 * generator.normal(size=out.shape))[before:]
 
 
+@pytest.mark.slow
 def test_a_machine_that_is_warm_at_the_first_row_is_no_alarm_and_a_loss_later_is_one():
     """Taken for settled, most of these starts are alarms within some rows."""
     generator, rows, changes = np.random.default_rng(48), 300, 150
@@ -203,6 +204,7 @@ def test_a_design_without_standard_errors_and_states_of_others():
             monitor.resume(state)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(("film", "alarmed"), [(65.0, 0), (97.5, 3)])
 def test_a_sensor_that_drops_out_and_a_pause_are_no_alarm(film, alarmed):
     generator, rows = np.random.default_rng(44), 5000

@@ -199,6 +199,7 @@ def test_each_answer_comes_while_the_source_waits(run):
     assert [line.split(",")[0] for line in seen[1:]] == ["0.0", "1.0", "2.0", "3.0", "4.0"]
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("number", [signal.SIGTERM, signal.SIGINT])
 def test_a_signal_ends_in_the_safe_setpoint(run, number):
     def feed(inlet, outlet):

@@ -92,6 +92,7 @@ def test_unexciting_input_comes_to_a_state_that_repeats_bit_for_bit(wave, interc
     np.testing.assert_allclose(forecast.mean, expected, rtol=1e-6)
 
 
+@pytest.mark.slow
 def test_a_constant_with_the_usual_forgetting_repeats_too():
     model = RecursiveArma(1, 1, intercept=False)
     for _ in range(760_000):  # 760 memory lengths

@@ -125,6 +125,7 @@ def test_document_runs_as_the_model(log):
     assert set(whole.redundancy.channels) == set(NAMES)
 
 
+@pytest.mark.slow
 def test_others_stand_in_for_a_lost_sensor(log):
     """The error that is announced bounds the one that is made on rows behind the fit."""
     (fit,) = identify([log], NAMES, ["d_z_um"], ComponentPlan(initial="rest", split=0.6))

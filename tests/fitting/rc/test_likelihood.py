@@ -144,6 +144,7 @@ def test_what_is_not_excited_is_not_identified():
     assert "nodes.motor.capacity" in fit.unidentified
 
 
+@pytest.mark.slow
 def test_logs_begin_each_in_their_own_state():
     """A second log from amid the heating, and a pause in the first one."""
     whole = record(CHAIN, 1000, 21)

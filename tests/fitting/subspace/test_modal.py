@@ -189,6 +189,7 @@ def test_a_number_of_poles_that_is_given_is_reached():
     assert [c for c in found if c.model.participations is not None]
 
 
+@pytest.mark.slow
 def test_identify_takes_them_and_writes_them():
     record, clean = log(wall(), np.random.default_rng(86), 1500, 0.02)
     fits = identify([record], ins(2), outs(5), SubspacePlan(real=True))

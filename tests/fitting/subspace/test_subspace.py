@@ -187,6 +187,7 @@ def test_bounds_hold_whatever_a_step_is():
         assert np.all(np.abs(p.imag) <= 3.0)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("direct", [False, True])
 def test_the_model_document_runs_as_the_fit_does(direct):
     rng = np.random.default_rng(57)
@@ -227,6 +228,7 @@ def test_the_choice_finds_order_and_feedthrough(seed):
     assert best.order == 3
 
 
+@pytest.mark.slow
 def test_intervals_hold_the_truth_in_coloured_errors_that_outputs_share():
     """At least 75 of 90: at 95 % less happens once in 10⁵, at 93 % once in 2000."""
     rng = np.random.default_rng(59)

@@ -67,6 +67,7 @@ def test_a_delay_does_not_stand_for_a_third_pole(seed):
     assert choose(data, OeStructure())[0].fit_percent[0] > wanted - 3
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("structure", ["oe", "bj"])
 def test_gains_are_covered_in_white_noise(structure):
     """A noise model that white errors do not need must not make the gain look sure."""
