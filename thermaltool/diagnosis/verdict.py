@@ -129,9 +129,9 @@ def nothing_moves(
         ]
         joined = groups.joined(moved) / hypothesis.white(output)
         visible += float(np.sum(np.square(joined)))
-        ways = hypothesis.nuisance[output].beside
-        decays = [each for way in STARTS & hypothesis.assumptions for each in ways[way]]
-        visible -= len(decays) * float(np.log(max(len(joined), 1)))
+        starts = hypothesis.nuisance[output].starts
+        fitted = sum(len(starts[way]) for way in STARTS & hypothesis.assumptions)
+        visible -= fitted * float(np.log(max(len(joined), 1)))
     # As the fall of BIC by a response, without its price; a start that is fitted has its own.
     if visible > DECISIVE_EVIDENCE:
         return None
