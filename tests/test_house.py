@@ -94,6 +94,7 @@ def test_no_two_classes_have_one_name() -> None:
     assert {name: where for name, where in places.items() if len(where) > 1} == {}
 
 
+@pytest.mark.slow
 def test_public_classes_and_functions_have_a_docstring() -> None:
     bare = {
         f"{place(path)}: {node.name}"

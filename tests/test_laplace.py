@@ -185,6 +185,7 @@ def test_unstable_transfer_with_its_abscissa(method):
     assert (abs(result.values - np.exp(2 * t)) <= 10 * result.error).all()
 
 
+@pytest.mark.slow
 def test_against_an_independent_program():
     """A regularized inverse (5.59) with its ringing poles, over s, from 30-digit arithmetic."""
     rise, square, rate = 0.00644, 0.00135, 0.0859

@@ -81,6 +81,7 @@ def test_validation_on_another_log_is_what_simulate_gives():
     assert found.fits[0].validation.carried_on.fit_percent == pytest.approx(fit, abs=0.01)
 
 
+@pytest.mark.slow
 def test_zeros_of_several_logs_explain_nothing():
     """The power moves nothing; the second log counts from elsewhere."""
     rng = np.random.default_rng()

@@ -148,6 +148,7 @@ def checkpoint_time(path):
     return json.loads(path.read_text())["state"]["time_s"] if path.exists() else 0.0
 
 
+@pytest.mark.slow
 def test_kill_9_leaves_no_step(model, tmp_path):
     """The restarted stream goes on where the killed one was, up to one step of the quantizer."""
     _, whole, _ = run(model, text=HEADER + rows(0, 400))

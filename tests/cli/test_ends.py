@@ -13,6 +13,7 @@ import pytest
 TOOL = [sys.executable, "-c", "from thermaltool.cli import main; main()"]
 
 
+@pytest.mark.slow
 def test_sigterm_leaves_the_old_file_and_nothing_beside_it(tmp_path):
     target = tmp_path / "log.csv"
     target.write_text("old\n")

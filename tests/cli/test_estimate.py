@@ -174,6 +174,7 @@ def test_a_deflection_beyond_the_calibration_is_told(thermaltool, files):
     assert "outside the calibrated range" in result.err
 
 
+@pytest.mark.slow
 def test_where_no_alarm_is_possible_that_is_said(thermaltool, files):
     run = ("estimate", files.kalman, "-", "--json", "-o", files.folder / "o.csv")
     for look in ("--bands", "--smooth"):
@@ -186,6 +187,7 @@ def test_where_no_alarm_is_possible_that_is_said(thermaltool, files):
     assert "alarm" not in thermaltool(*run, stdin=files.log.read_text()).json
 
 
+@pytest.mark.slow
 def test_steps_are_looked_for_run_by_run_between_pauses(thermaltool, files):
     header, *rows = files.log.read_text().splitlines()
     parted = "\n".join([header, *rows[:90], *rows[120:]]) + "\n"
@@ -228,6 +230,7 @@ def test_records_of_no_and_of_one_row(thermaltool, files, look):
             assert (result.code, len(result.out.splitlines())) == (0, 1 + rows)
 
 
+@pytest.mark.slow
 def test_a_sensor_that_is_dead_for_a_while(thermaltool, files):
     lines = files.log.read_text().splitlines()
     column = lines[0].split(",").index("dT_pair1_K")

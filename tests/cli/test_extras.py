@@ -91,6 +91,7 @@ def test_help_needs_nothing():
         assert bare(name, "--help").returncode == 0
 
 
+@pytest.mark.slow
 def test_every_package_that_is_imported_has_an_extra():
     seen = set()
     for path in (ROOT / "thermaltool").rglob("*.py"):

@@ -199,6 +199,7 @@ def test_what_cannot_be_read(arguments, text, message):
     assert message in " ".join(err)
 
 
+@pytest.mark.slow
 def test_a_trial_in_which_nothing_moves(tmp_path):
     still = tmp_path / "still.csv"
     still.write_text(
@@ -209,6 +210,7 @@ def test_a_trial_in_which_nothing_moves(tmp_path):
     assert "the command does not move" in err[-1]
 
 
+@pytest.mark.slow
 def test_a_trial_of_another_period(trial):
     code, _, err = run("--period", "0.001", "--identify", trial)
     assert code == 2

@@ -103,6 +103,7 @@ def test_simulate_takes_the_model(thermaltool, log, tmp_path, extra):
     assert done.json["d_z_um"]["fit_percent"] > 98
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("response", [
     Rational1(0.8, 3000.0, 600.0),
     pytest.param(Rational2(1.0, 6000.0, 0.5, 600.0, 600.0), marks=pytest.mark.slow),
@@ -217,6 +218,7 @@ def test_usage(thermaltool, log, extra, message):
     assert message in done.err
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("structure", [pytest.param("oe", marks=pytest.mark.slow), "arx", "armax"])
 def test_hairdryer_delay_and_free_run(thermaltool, structure):
     """Three samples of delay; a free run over the second half at 85 % or better."""

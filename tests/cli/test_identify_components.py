@@ -160,6 +160,7 @@ def without(log, path, columns, first):
     return path
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("first", [pytest.param(1, marks=pytest.mark.slow), 600])
 def test_the_others_stand_for_a_dead_sensor(log, model, tmp_path, first):
     """From the first row on, or later: the announced band bounds what is lost."""

@@ -66,6 +66,7 @@ def test_json_and_model_file(thermaltool, log, tmp_path):
     assert min(each["fit_percent"] for each in done.json.values()) > 80
 
 
+@pytest.mark.slow
 def test_the_table_names_pair_and_feedthrough(thermaltool, log):
     done = thermaltool("identify", log, *CALL, "--modes", "3")
     assert done.code == 0, done.err
@@ -110,6 +111,7 @@ def test_usage(thermaltool, log, extra, message):
     assert message in done.err
 
 
+@pytest.mark.slow
 def test_too_few_rows_are_one_line(thermaltool, columns, tmp_path):
     short = {name: values[15:75] for name, values in columns.items()}
     log = write_log(tmp_path / "short.csv", short)

@@ -73,6 +73,7 @@ def test_figure(log, tmp_path):
     assert figure.read_bytes().startswith(b"\x89PNG")
 
 
+@pytest.mark.slow
 def test_edge_of_the_grid_and_unit_root_are_told(log, tmp_path):
     assert "edge of the grid" in run(log, "-C", "value", "--max-p", 1, "--max-q", 1).stderr
     walk = write(tmp_path / "walk.csv", np.cumsum(np.random.default_rng(1).standard_normal(500)))

@@ -102,6 +102,7 @@ def test_place_refuses_in_one_line(thermaltool, log, options, code, words):
     assert words in result.err
 
 
+@pytest.mark.slow
 def test_constant_candidates_are_left_out(thermaltool, log):
     lines = log.read_text().splitlines()
     wide = [lines[0] + ",T_dead_degC", *(line + ",21.5" for line in lines[1:])]
@@ -191,6 +192,7 @@ def test_a_regression_simulates_and_streams(thermaltool, log, tmp_path):
     assert thermaltool("present", model).code == 0
 
 
+@pytest.mark.slow
 def test_an_axis_by_its_position(thermaltool, tmp_path):
     train, test = axis_columns(np.random.default_rng(4))
     first, second = write(tmp_path / "a.csv", train), write(tmp_path / "b.csv", test)
@@ -229,6 +231,7 @@ def test_positions_without_readings_and_degrees_without_position(thermaltool, tm
     assert "a degree needs a position" in result.err
 
 
+@pytest.mark.slow
 def test_states_carry_on_over_a_pause(thermaltool, tmp_path):
     rng = np.random.default_rng(8)
     columns = rod_columns(random_heat(rng, 1080, 60), 10.0, rng, 0.02)
@@ -310,6 +313,7 @@ def test_cheap_sensors_cost_no_more_than_all(thermaltool, log):
     assert document["sets"][-1]["count"] == 9
 
 
+@pytest.mark.slow
 def test_logs_update_a_body(thermaltool, tmp_path):
     rng = np.random.default_rng(4)
     heat = random_heat(rng, 360, 60)

@@ -101,6 +101,7 @@ def test_effects_levels_and_estimator(thermaltool, tmp_path: Path) -> None:
                                      "band": {"d_x_um": 4.01}}  # fmt: skip
 
 
+@pytest.mark.slow
 def test_a_model_of_a_series(thermaltool, tmp_path: Path) -> None:
     rng = np.random.default_rng(5)
     x = [0.0, 0.0]

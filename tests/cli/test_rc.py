@@ -140,6 +140,7 @@ def test_a_bad_field_is_one_line_with_its_name(run, old, new, message):
     assert "unexpected" not in done.err
 
 
+@pytest.mark.slow
 def test_sample_networks_run_as_the_page_says(thermaltool, tmp_path):
     samples = Path(__file__).parents[2] / "data_samples"
     log = tmp_path / "duty.csv"

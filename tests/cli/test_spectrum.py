@@ -97,6 +97,7 @@ def test_json_holds_spectrum_intervals_and_structure_function(thermaltool, tmp_p
     assert resistance[-1] == pytest.approx(PLANT.resistances.sum(), rel=0.02)
 
 
+@pytest.mark.slow
 def test_eight_lines_are_one_term_of_a_model(thermaltool, tmp_path) -> None:
     plant = Foster(np.geomspace(1e-3, 1e4, 8), np.full(8, 0.5))
     time = logarithmic_clock(plant, 20)

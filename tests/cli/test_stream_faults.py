@@ -117,6 +117,7 @@ def read_lines(process, count):
     return data.decode().splitlines()
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("kind", ["pipe", "terminal"])
 def test_a_stderr_that_nobody_reads_stops_nothing(model, kind):
     """Every line is bad and told; the pipe of the messages is full from the start."""
@@ -156,6 +157,7 @@ def test_a_state_of_another_record_is_not_gone_on_from(model, tmp_path):
     assert "does not fit clock and readings: starts from rest" in said
 
 
+@pytest.mark.slow
 def test_an_old_state_is_told_and_left(model, tmp_path):
     state = tmp_path / "state.json"
     run(model, "--checkpoint", state, data=ONE + text(readings(100)[:, 0]))
@@ -470,6 +472,7 @@ def test_every_reading_counts_for_who_trusts_his_sensors(model):
     assert "machine cannot" not in said
 
 
+@pytest.mark.slow
 def test_while_it_is_safe_each_tick_has_a_line(model):
     process = start(model, "--timeout", "0.2", "--also", "status")
     process.stdin.write(ONE + text(readings(20)[:, 0]))

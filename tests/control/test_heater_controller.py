@@ -172,6 +172,7 @@ def test_the_loop_is_stable_where_the_machine_differs(model, gain, slower):
     assert np.ptp(powers[last], axis=0).max() < 0.2 * FULL
 
 
+@pytest.mark.slow
 def test_noise_moves_heaters_little_where_limits_bind(model):
     _, powers, states, _, _ = closed_loop(controller(model), 90.0, 1500.0, noise=0.05)
     last = powers[-75:]
@@ -200,6 +201,7 @@ def test_heaters_hold_what_goes_beyond_the_range_of_an_axis(model):
     assert powers[-50:, 1].mean() < 0.9 * more[-50:, 1].mean()
 
 
+@pytest.mark.slow
 def test_a_controller_with_an_axis_comes_back_and_names_its_offset(model, tmp_path):
     made = controller(model, axes={X: 30.0})
     text = json.dumps(made.document())
@@ -215,6 +217,7 @@ def test_a_controller_with_an_axis_comes_back_and_names_its_offset(model, tmp_pa
             controller(model, **more)
 
 
+@pytest.mark.slow
 def test_an_axis_holds_what_no_heater_moves():
     no_x = {ends: lags for ends, lags in PATHS.items() if ends not in ((A, X), (B, X))}
     made = design_controller(
@@ -415,6 +418,7 @@ def test_a_state_of_another_controller_is_refused(model):
     law.resume([above, below, left])
 
 
+@pytest.mark.slow
 def test_a_stream_goes_on_from_what_it_kept(model):
     control, plant = controller(model, duration=1500.0), Plant()
     process = closed_loop(control, 50.0, 400.0, plant=plant)[-1]
@@ -455,6 +459,7 @@ def test_the_inversion_says_where_it_asks_for_negative_heat(model):
     assert "a heater that moves" in trial.needs
 
 
+@pytest.mark.slow
 def test_a_power_that_was_calibrated_as_measured_is_set_and_a_dead_time_becomes_lags():
     # Heat needs a while from a pad to what bends: a calibration may take it for a dead time.
     late = replace(response(PATHS[A, X]), delay=12.0)
@@ -529,6 +534,7 @@ def test_what_is_held_within_the_slew_rate_is_what_is_told(model):
     assert np.ptp(slow.held[X]) > 5 * np.ptp(quick.held[X])
 
 
+@pytest.mark.slow
 def test_what_cannot_be_is_refused_in_a_line(model):
     def refused(paths, plan):
         with pytest.raises(ModelError) as found:

@@ -277,6 +277,7 @@ def test_a_source_that_switches_with_the_drive():
     assert ("second_source", PUMP) not in shown
 
 
+@pytest.mark.slow
 def test_what_is_detectable_is_detected():
     """The predicted change reaches the evidence that it was computed for."""
     step = cause("sensor_offset_step", X, "log", step=1.0, time=1500.0)

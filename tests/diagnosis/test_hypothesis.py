@@ -147,6 +147,7 @@ def test_what_looks_like_the_model_itself_has_no_evidence() -> None:
     assert evaluate(found, gain, RELEASED).evidence < 0
 
 
+@pytest.mark.slow
 def test_a_true_cause_is_accepted_and_a_false_one_is_not() -> None:
     found = hypothesis(DELAY)
     true = fit_candidate(found, CauseCandidate.unfitted(DELAY, RELEASED))
@@ -180,6 +181,7 @@ def two_drives(exponent=1.0):
     return Record(time, {**columns, "T_a_degC": y}, digest="log")
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("exponent", "most"), [(1.0, 0.02), pytest.param(1.5, 0.1, marks=pytest.mark.slow)]
 )

@@ -119,6 +119,7 @@ def test_a_channel_that_is_handed_on_late():
     assert cause.effect.parameters["offset"] == pytest.approx(25.0, rel=0.1)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("loud", [0.03, pytest.param(0.0, marks=pytest.mark.slow)])
 def test_a_heater_that_is_heard_in_a_line(loud):
     on = logged(duty(SEED + 9, TIME), TIME) > 0.3

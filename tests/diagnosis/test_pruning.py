@@ -68,6 +68,7 @@ def test_a_model_that_is_not_written_says_nothing_of_its_causes(monkeypatch):
     assert search.notes == ("second_source is left out: with it a log would be worse",)
 
 
+@pytest.mark.slow
 def test_a_cause_that_is_right_elsewhere_stays_though_it_is_not_written(monkeypatch):
     """What one output loses is next to nothing of what the other gains."""
     monkeypatch.setattr("thermaltool.diagnosis.pruning._backward", lambda search: search)

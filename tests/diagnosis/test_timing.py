@@ -58,6 +58,7 @@ def test_a_delay_is_found_on_any_clock(irregular):
     assert found.causes[0].effect.parameters["delay"] == pytest.approx(50.0, abs=1.5)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     "irregular", [pytest.param(False, marks=pytest.mark.slow), True], ids=["even", "irregular"]
 )

@@ -254,6 +254,7 @@ def test_evidence_grows_with_what_is_left() -> None:
     assert ResidualBudget(1.0, 1.0, 1.0, 1.0, 1.0, 1.1, 0.0, 50.0).evidence == 0
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("burst", [1, 3])
 def test_wrong_bursts_are_found(model: Model, burst: int) -> None:
     """Readings come in threes; a wrong one is alone, or all three are wrong, by 4 mm."""
@@ -376,6 +377,7 @@ def test_a_sensor_that_never_moves_is_frozen(one_mass):
     ]
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("share", "told"),
     [

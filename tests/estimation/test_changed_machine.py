@@ -185,6 +185,7 @@ def test_a_time_constant_that_is_off_is_no_loss(off):
     assert change.document()["more_percent"] == pytest.approx(100 * (off - 1), abs=0.3)
 
 
+@pytest.mark.slow
 def test_what_the_innovations_show_of_a_model_is_held_by_the_bands():
     """What a time constant that is 1 % off does to the heat, in all rows."""
     generator = np.random.default_rng(89)

@@ -135,6 +135,7 @@ def test_total_variation_leaves_no_way_down():
     assert np.max(np.abs(slope)) < 1.1 * weight
 
 
+@pytest.mark.slow
 def test_a_heat_that_steps_is_best_met_by_total_variation():
     wall, dt, rows, level, white = Wall(thickness=0.006), 1.0, 600, 40e3, 0.15
     A, b, c = wall.matrices()
@@ -171,6 +172,7 @@ def test_steps_that_are_known_are_no_error():
     np.testing.assert_allclose(known[:, 0], heat + 2.0 + away[:, 0], rtol=0, atol=1e-8 * LEVEL)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("begins", [0, 700])
 def test_total_variation_of_a_long_record_is_scouted_where_its_heat_is(begins, monkeypatch):
     problem, rows = problem_of(), 1000
@@ -201,6 +203,7 @@ def test_total_variation_of_a_long_record_is_scouted_where_its_heat_is(begins, m
     assert scouted.parameter == whole.parameter
 
 
+@pytest.mark.slow
 def test_bounds_of_every_method_hold():
     problem = problem_of()
     _, readings = readings_of(problem, 100)
@@ -229,6 +232,7 @@ def test_what_is_told_of_the_rule_is_the_result(method):
     assert found.notes == ()
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("method", ["tikhonov1", "tv"])
 def test_residuals_that_no_heat_explains_are_told(method):
     problem, rows = problem_of(2), 300
@@ -279,6 +283,7 @@ def test_plans_that_cannot_be(plan, message):
         DeconvolutionPlan(**plan)
 
 
+@pytest.mark.slow
 def test_what_is_refused():
     problem, plan = problem_of(), DeconvolutionPlan("tikhonov1")
     _, readings = readings_of(problem, 120)

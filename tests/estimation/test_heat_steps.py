@@ -173,6 +173,7 @@ def test_smoothing_with_steps_is_the_conditional_mean(monkeypatch):
     assert found.sigma[:, 0] ** 2 == pytest.approx(variance, rel=1e-4)
 
 
+@pytest.mark.slow
 def test_a_heat_that_steps_is_found_and_a_ramp_is_none():
     kalman, rows = machine(walk=1.0, drift=0.0), 250
     time = DT * np.arange(rows)
@@ -266,6 +267,7 @@ def test_the_evidence_over_a_pause_is_a_normal_density(monkeypatch):
     assert value == pytest.approx(density(np.sqrt(0.1) * walk, steps), abs=1e-4)
 
 
+@pytest.mark.slow
 def test_steps_beside_and_amid_a_pause():
     """The heat steps while nobody reads; what is known of its course there tells the rows after."""
     kalman, rows = machine(walk=0.5, drift=0.0), 250

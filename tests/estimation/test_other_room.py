@@ -90,6 +90,7 @@ def test_a_cold_machine_that_has_not_followed_is_told_by_its_sensors(design):
     assert np.abs(left).max() < 2.0
 
 
+@pytest.mark.slow
 def test_a_warm_start_frees_the_smoother(design):
     whole = log(np.repeat([200.0, 80.0], [300, 200]), np.full(500, ROOM - 3), seed=7)
     frame = whole.iloc[250:].drop(columns="Q_spindle_W")
@@ -101,6 +102,7 @@ def test_a_warm_start_frees_the_smoother(design):
     assert np.sqrt(np.mean(off**2)) < 15.0
 
 
+@pytest.mark.slow
 def test_what_a_measured_drive_does_is_as_unsure_as_its_response(design):
     rows = 240
     room = ROOM + 6.0 * (np.arange(rows) > 20)

@@ -89,6 +89,7 @@ def test_a_temperature_that_never_moved_has_no_bound():
     assert reach_of({"plausible_change": design}, "T_a_degC")(1.0) == math.inf
 
 
+@pytest.mark.slow
 def test_a_temperature_that_jumps_moves_no_set_point():
     """From the logs to the stream, with the options that nobody gives."""
     found = tt.calibrate(machine(2), ["T_motor_degC"], deflections=["d_z_um"])

@@ -180,6 +180,7 @@ def test_no_free_start_of_a_response_that_does_not_decay():
         still.start_covariance(4.0, LEVEL, "free")
 
 
+@pytest.mark.slow
 def test_a_gain_that_is_held_costs_nothing_that_counts(monkeypatch):
     generator = np.random.default_rng(21)
     time, readings, _ = simulated(estimator(), 3000, generator)
@@ -191,6 +192,7 @@ def test_a_gain_that_is_held_costs_nothing_that_counts(monkeypatch):
     np.testing.assert_allclose(quick.sigma[1:], exact.sigma[1:], rtol=0.03)
 
 
+@pytest.mark.slow
 def test_its_bands_hold_and_its_innovations_are_white():
     generator = np.random.default_rng(22)
     inside, squares = [], []
@@ -224,6 +226,7 @@ def test_a_fixed_lag_in_batch_is_that_of_the_stream_over_a_restart(even):
             stream.resume(kept)
 
 
+@pytest.mark.slow
 def test_a_long_lag_is_the_whole_record():
     generator = np.random.default_rng(24)
     time, readings, _ = simulated(estimator(), 1500, generator)

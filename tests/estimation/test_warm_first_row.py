@@ -75,6 +75,7 @@ def stream(design, rows, kept=None):
     return words, process.state()
 
 
+@pytest.mark.slow
 def test_a_stream_that_begins_warm_has_none_either(design):
     heat = np.repeat([0.8, 0.8, 0.1, 0.9], [150, 40, 100, 60])
     rows = log(heat, np.random.default_rng(12)).iloc[150:]
@@ -90,6 +91,7 @@ def test_a_stream_that_begins_warm_has_none_either(design):
     assert end["monitor"] == stream(design, rows)[1]["monitor"]
 
 
+@pytest.mark.slow
 def test_a_stream_that_was_blind_while_the_heat_changed_has_none(design):
     for seed in range(3):
         generator = np.random.default_rng(seed)
@@ -99,6 +101,7 @@ def test_a_stream_that_was_blind_while_the_heat_changed_has_none(design):
         assert "parted" not in words
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("dead", [slice(0, 120), slice(150, 330)])
 def test_a_sensor_that_is_dead_for_a_while_is_no_alarm_and_no_noise(design, dead):
     generator = np.random.default_rng(15)
@@ -111,6 +114,7 @@ def test_a_sensor_that_is_dead_for_a_while_is_no_alarm_and_no_noise(design, dead
     assert "parted" not in stream(design, rows)[0]
 
 
+@pytest.mark.slow
 def test_a_machine_that_is_a_little_warm_has_none(design):
     heat = np.repeat([0.08, 0.08, 0.9], [150, 60, 120])
     rows = log(heat, np.random.default_rng(14)).drop(columns="Q_main_1").iloc[150:]

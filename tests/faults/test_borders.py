@@ -367,6 +367,7 @@ def test_a_command_that_fails_at_the_end_leaves_the_old_file(
     assert out.read_text() == "old"
 
 
+@pytest.mark.slow
 def test_a_closed_stdout_leaves_the_old_file(files) -> None:
     out = files.folder / "out.json"
     out.write_text("old")

@@ -118,6 +118,7 @@ def test_outliers_move_huber_less():
     assert worst_step(plain) > 4 * worst_step(robust)
 
 
+@pytest.mark.slow
 def test_free_initial_state():
     u = np.where(UNIFORM < 1500, 0.0, pulses(UNIFORM, seed=2))
     values = noisy(rational(UNIFORM, u, start=0.8), 5)  # cools down from an earlier level

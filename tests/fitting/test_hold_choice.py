@@ -32,6 +32,7 @@ def log_of(seed, between, digest):
                   digest=digest)  # fmt: skip
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("between", "hold"), [pytest.param(True, "first", marks=pytest.mark.slow), (False, "zero")]
 )

@@ -147,6 +147,7 @@ def test_a_contact_that_hardly_departs_is_refused_as_that():
         )  # fmt: skip
 
 
+@pytest.mark.slow
 def test_a_contact_is_read_and_not_judged(three):
     fit, _ = three
     off_by = {output.channel: output.fit["rmse"] for output in fit.model.outputs}

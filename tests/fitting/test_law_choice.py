@@ -96,6 +96,7 @@ def test_a_later_log_is_followed_to_the_noise():
         assert left[1] > 2 * left[0]
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     "seed", [20261126, *(pytest.param(s, marks=pytest.mark.slow) for s in (20261127, 20261128))]
 )
@@ -288,6 +289,7 @@ def test_a_conductivity_that_rises_with_the_temperature_bends_readings(better, d
     assert left < 0.5 * was
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("seed", [20261125, pytest.param(20261126, marks=pytest.mark.slow)])
 def test_a_capacity_that_stays_is_left_alone(seed):
     assert not calibrate([wall_log(0.0, seed)], WALL_PLAN).effects

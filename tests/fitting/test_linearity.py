@@ -146,6 +146,7 @@ def test_few_rows_are_not_tested():
     assert judged(u, noisy(np.random.default_rng(6), y), (1, 1, 1)) is None
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(("structure", "options"), [("oe", {"orders": [(1, 1, 1)]}),
                                                     ("network", {"modes": 1}),
                                                     ("subspace", {"modes": 1})])  # fmt: skip

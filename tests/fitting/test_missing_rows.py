@@ -88,6 +88,7 @@ def test_rows_that_are_held_out_tell_nothing():
     assert len(whole) == 1500
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("each", [20, 1])
 def test_a_fit_with_missing_rows_is_that_with_all(each):
     record = log(each=each)

@@ -108,6 +108,7 @@ def test_a_bar_of_aluminium_is_a_rod(seed):
     assert response.tau / response.loss == pytest.approx(slow, rel=0.05)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("seed", [5, pytest.param(6, marks=pytest.mark.slow)])
 def test_a_wall_has_its_films(seed):
     """Sixty cells, heat into the first one, a film on either face, a probe in the hotter third."""
@@ -191,6 +192,7 @@ def test_outliers_choose_nothing():
     assert chosen(fitted(log))["kinds"] == ["rational1"]
 
 
+@pytest.mark.slow
 def test_a_kind_that_is_given_is_taken_and_nothing_is_compared():
     u = switched(1)
     model = fitted(record(u, lags(u, [0.05], [600.0]), 0.05, 1), kinds={OUTPUT: "deflection"})

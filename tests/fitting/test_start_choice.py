@@ -107,6 +107,7 @@ def test_what_rests_is_off_and_still_at_first():
     assert not rests(log_of(20261125, before=60.0, idle=1200.0), [drive], OUTPUTS)
 
 
+@pytest.mark.slow
 def test_no_lag_behind_a_free_start_is_longer_than_the_log():
     log = log_of(20261126, before=150.0)
     creep = 5.0 * -np.expm1(-log.time / (20 * log.duration))

@@ -44,6 +44,7 @@ def test_two_sensors_of_the_rod_are_those_of_the_source(rod):
     assert design.errors[0] <= rule.errors[0]
 
 
+@pytest.mark.slow
 def test_more_sensors_leave_less_unknown_and_the_design_is_no_worse_than_the_rule(block):
     found = tt.place_on_body(block, sensors=4, forbid=["right"])
     errors = np.array([each.errors for each in found.sets])[:, 0]

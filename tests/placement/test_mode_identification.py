@@ -24,6 +24,7 @@ def identified(duty, seed, modes=None, outputs=tuple(SPINDLE_GAINS)):
     return identify_modes([Record(time, readings)], ["duty_spindle_1"], outputs, modes)
 
 
+@pytest.mark.slow
 def test_three_time_constants_of_the_spindle_are_found():
     found = identified(WARM_AND_COOL, 7)
     assert len(found.time_constants) == 3
@@ -42,6 +43,7 @@ def test_a_record_of_seventy_minutes_shows_two():
     assert len(identified(SHORT, 7).time_constants) == 2
 
 
+@pytest.mark.slow
 def test_a_drift_of_the_room_is_no_mode():
     time = np.arange(0.0, 12 * HOUR, 60.0)
     gains = {name: each[1:] for name, each in SPINDLE_GAINS.items()}

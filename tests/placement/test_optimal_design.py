@@ -22,6 +22,7 @@ def random_candidates(rng, count=12, states=6, cycles=2):
     return Candidates.of(own, 0.05)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("criterion", CRITERIA)
 def test_greedy_with_exchange_reaches_what_exhaustive_search_finds(criterion, monkeypatch):
     monkeypatch.setattr(exhaustive, "MAX_SETS", 0)

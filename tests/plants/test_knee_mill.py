@@ -96,6 +96,7 @@ def test_at_rest_nothing_moves():
         assert values[0] == (20.0 if name.startswith("T_") else 0.0)
 
 
+@pytest.mark.slow
 def test_size_of_the_departure_from_proportion():
     """Of the order of the source's 3.4 % in y and 2 % in x at Q = 2; the other way at 0.5."""
     reference, double, half = (response(level) for level in (1.0, 2.0, 0.5))
@@ -114,6 +115,7 @@ def test_a_load_on_the_table_changes_what_the_heat_does():
     assert 0.1 < np.max(np.abs(off)) < 5.0
 
 
+@pytest.mark.slow
 def test_shorter_steps_agree():
     heat, air = np.full(16, 2.0), np.full(16, 20.0)
     coarse, finer, finest = (

@@ -36,6 +36,7 @@ def test_beyond_that_it_runs_and_says_how_well():
     assert np.isfinite(modes.step(TIME)).all()
 
 
+@pytest.mark.slow
 def test_a_fit_of_a_front_that_comes_late_can_be_run():
     """A dead time of 200 s looks like a probe that no heat reaches."""
     heat = np.where((TIME // 400) % 2 == 1, 1.0, 0.0)

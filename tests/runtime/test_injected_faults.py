@@ -6,6 +6,7 @@ import pytest
 from faults.streams import inject
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("count", [100, pytest.param(1000, marks=pytest.mark.slow)])
 def test_no_fault_makes_a_step_or_an_end_that_is_not_safe(count):
     seed = secrets.randbelow(2**31)

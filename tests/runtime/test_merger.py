@@ -133,6 +133,7 @@ def test_a_stream_of_messages_gives_the_estimates_of_the_log(
     assert {each["status"] for each in answers} >= {"held"}
 
 
+@pytest.mark.slow
 def test_a_restart_anywhere_goes_on_with_what_was_pending(stream, tmp_path):
     lines = broker(120)
     whole = stream(lines)

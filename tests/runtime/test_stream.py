@@ -270,6 +270,7 @@ def test_the_last_setpoint_can_stay(run):
     assert float(out[-1].split(",")[2]) < 0
 
 
+@pytest.mark.slow
 def test_a_signal_ends_a_stream_whose_reader_sleeps_without_tearing_a_line(run):
     def feed(inlet, outlet):
         rows = b"".join(b"%d,1.0\n" % k for k in range(20000))

@@ -31,6 +31,7 @@ def model():
     return tt.regularize(tt.calibrate(frame, ["T_motor_degC"], deflections=["d_z_um"], kinds=kinds))
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("initial", ["rest", "settled"])
 def test_a_warm_machine_gets_its_offset(model, initial):
     motor = np.where(np.arange(3000) < 1500, 40.0, 20 + 20 * np.exp(-np.arange(3000) / 90))

@@ -69,6 +69,7 @@ def test_coverage_and_bias(drifting):
     assert width == pytest.approx(spread, rel=0.25)
 
 
+@pytest.mark.slow
 def test_white_alone_is_not_called_drift():
     time = np.arange(1500.0)
     fits = [
@@ -131,6 +132,7 @@ def test_no_scatter():
         fit_drift(np.arange(100.0), np.ones(100), ONE_BLOCK)
 
 
+@pytest.mark.slow
 def test_slow_signals_under_a_large_drift_keep_their_digits():
     """Beside the dense matrix in 40 digits: the products that a diagnosis compares."""
     time = np.cumsum(np.random.default_rng(5).choice([20.0, 40.0, 40.0, 80.0], 60))

@@ -110,6 +110,7 @@ def test_a_short_series_keeps_to_orders_that_it_can_tell():
     assert table.best("bic").exact
 
 
+@pytest.mark.slow
 def test_gaps_leave_the_order():
     x = simulated((2, 1), 1000, 4)
     whole = select_order(even_record(x), 4, 4).best("bic")
@@ -155,6 +156,7 @@ def test_a_large_mean_changes_nothing():
     assert near.deviance == pytest.approx(far.deviance, abs=1e-3)
 
 
+@pytest.mark.slow
 def test_smooth_and_exact_signals_do_not_break_the_search():
     t = np.arange(500)
     for x in (np.sin(0.3 * t), np.exp(0.01 * t), 1e12 + np.cumsum(np.cumsum(np.cos(t * t)))):

@@ -99,6 +99,7 @@ def planned(columns, inputs, output, period):
     return identify([record], inputs, [output], plan)[0]
 
 
+@pytest.mark.slow
 def test_it_is_taken_where_the_machine_is_not_linear():
     period, columns, _ = steam_heated(np.random.default_rng(20261125), 1500)
     fit = planned(columns, ["x_flow_1"], "T_out_degC", period)
@@ -238,6 +239,7 @@ def spindle(generator, speeds, rest=180, period=20.0):
                          "d_z_um": 2 + 0.9 * warm + 0.05 * noise[1]})  # fmt: skip
 
 
+@pytest.mark.slow
 def test_a_spindle_that_runs_fastest_late_in_its_log(tmp_path):
     generator = np.random.default_rng(20261125)
     # The rows that forms are first fitted to know nothing of 8000 rpm.

@@ -113,6 +113,7 @@ def test_a_correlated_second_output_teaches_less_than_an_independent_one():
     assert width[1] == pytest.approx(width[2] / np.sqrt(2), rel=0.1)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("hold", ["zero", "first"])
 def test_the_state_at_the_start_is_found_where_it_is_not_rest(hold):
     rng = np.random.default_rng(7)

@@ -56,6 +56,7 @@ def test_what_holds_in_the_larger_one_alone_is_not_nested():
     assert not is_nested(network(declaration(1)), network(held))
 
 
+@pytest.mark.slow
 def test_the_chain_that_made_the_log_is_sufficient():
     rng = np.random.default_rng(31)
     found = compare(fits(CHAINS[2], (1, 2), rng))
@@ -76,6 +77,7 @@ def test_likelihood_ratio_chooses_the_size():
         assert sizes.count(truth) > 8
 
 
+@pytest.mark.slow
 def test_other_readings_are_not_compared():
     rng = np.random.default_rng(33)
     (one,), (two,) = (fits(CHAINS[1], (1,), rng) for _ in range(2))

@@ -85,6 +85,7 @@ def test_score_at_the_truth_has_the_information_as_its_covariance():
     assert np.sum(squares) == pytest.approx(240, abs=4 * np.sqrt(2 * 240 * 6))
 
 
+@pytest.mark.slow
 def test_one_node_is_what_one_solves_by_hand():
     """T = T_room + Q/G (1 − e^(−t G/C)) for a step: no noise but the last digits."""
     time = 10.0 * np.arange(400)
@@ -114,6 +115,7 @@ def test_modes_are_those_of_the_matrix():
         assert found[0, :2] == pytest.approx(expected, rel=1e-9), k
 
 
+@pytest.mark.slow
 def test_process_noise_that_is_not_there_vanishes_and_the_rest_is_found():
     chain = Chain((800.0,), (3.0,), diffusion=0.0)
     fit = fit_network(network(1), [record(chain, 400, 3)])

@@ -56,6 +56,7 @@ def test_the_curve_and_its_lines(plant: Foster, seed: int) -> None:
     assert found.ladder.resistances.sum() == pytest.approx(found.fit.resistances.sum())
 
 
+@pytest.mark.slow
 def test_intervals_of_lines_alone_hold_as_often_as_they_say() -> None:
     """The part of the intervals of a log that hold varies by 0.1, that of 20 logs by 0.023; three
     times that is left below 0.95."""

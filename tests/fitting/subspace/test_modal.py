@@ -125,6 +125,7 @@ def test_intervals_hold_the_truth_and_are_narrower_than_with_weights_free():
     assert model.criteria.bic < free.criteria.bic
 
 
+@pytest.mark.slow
 def test_an_output_that_follows_an_input_at_once_does_so_beside_the_poles():
     """As a flow follows its valve: a fast pole, which a held input reaches a row later, has not."""
     system, at_once = modes(), np.zeros((4, 3))

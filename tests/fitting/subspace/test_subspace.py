@@ -215,6 +215,7 @@ def test_the_model_document_runs_as_the_fit_does(direct):
             )
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     "seed", [0, *(pytest.param(k, marks=pytest.mark.slow) for k in range(1, 4))]
 )

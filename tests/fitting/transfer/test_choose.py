@@ -32,6 +32,7 @@ def data(u, y, dt=1.0, names=None, holds=()):
     return training((u, y), period=dt, inputs=names, holds=holds)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     "seed", [0, *(pytest.param(k, marks=pytest.mark.slow) for k in range(1, 12))]
 )

@@ -50,6 +50,7 @@ def test_a_second_order_is_found_whatever_the_colour_of_the_errors(colour):
     assert right >= 8
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     "seed", [0, *(pytest.param(k, marks=pytest.mark.slow) for k in range(1, 6))]
 )

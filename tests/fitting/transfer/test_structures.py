@@ -57,6 +57,7 @@ def test_coloured_noise_is_told_and_too_low_an_order_as_well():
     assert residual_tests(low, data).independent_p["u"] < 1e-6
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("noise", ["oe", "bj"])
 def test_intervals_of_oe_cover_in_white_and_coloured_noise(noise):
     """120 repetitions: 95 % intervals hold 0.95 ± 4 binomial standard errors over all."""
