@@ -170,6 +170,15 @@ def test_the_gantry_names_its_bed() -> None:
 
 
 @pytest.mark.slow
+def test_a_law_that_meets_the_straight_line_elsewhere_is_one_cause(model: Model) -> None:
+    (cause,) = diagnose(model, [log(0.8 * LEVELS**1.4, 9)]).causes
+    assert (cause.effect.name, cause.effect.channel) == ("drive_nonlinearity", "Q_main_1")
+    assert cause.effect.parameters["exponent"] == pytest.approx(1.4, abs=0.05)
+    # Where 0.8 u^1.4 is u.
+    assert cause.effect.parameters["agrees_at"] == pytest.approx(0.8**-2.5, rel=0.05)
+
+
+@pytest.mark.slow
 def test_a_drive_that_is_only_on_or_off(model: Model) -> None:
     wrong = log((LEVELS > 0) * 1.0, 8)
     (cause,) = diagnose(model, [wrong]).causes

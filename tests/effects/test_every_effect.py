@@ -187,7 +187,7 @@ def test_units_are_known(name):
     examples = variants(name) or [effect_class(name)("dT_near_K", dict.fromkeys(
         effect_class(name).known, 1.0))]  # fmt: skip
     used = set()
-    for effect in examples:
+    for effect in (*examples, *(finer for each in examples if (finer := each.finer()))):
         for parameter in effect.parameters:
             used.add(reference_of(parameter)[0])
             above, _, below = effect.unit(parameter).partition("/")

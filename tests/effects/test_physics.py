@@ -80,6 +80,21 @@ def test_a_parabola_is_taken_back(curvature):
     np.testing.assert_allclose(effect.undone(acting), u, atol=1e-14)
 
 
+@pytest.mark.parametrize(
+    ("law", "other"), [({"exponent": 1.5}, 1.0), ({"dead_band": 0.2}, 0.5), ({"curvature": 0.6}, 1)]
+)
+def test_a_law_agrees_with_the_straight_line_where_it_says(law, other):
+    u = np.array([-2.0, -1.0, -0.5, 0.0, 0.5, 1.0, 2.0])
+    plain = make("drive_nonlinearity", HEAT, level=2.0, **law)
+    effect = make("drive_nonlinearity", HEAT, level=2.0, agrees_at=other, **law)
+    acting, bent = effect.drive(None, u), plain.drive(None, u)
+    assert acting[u == other] == pytest.approx(other)
+    np.testing.assert_allclose(acting, bent * other / bent[u == other], atol=1e-14)
+    np.testing.assert_allclose(effect.drive(None, effect.undone(acting)), acting, atol=1e-14)
+    assert effect.finer() is None
+    assert plain.finer().parameters["agrees_at"] == 2.0
+
+
 def test_a_saturated_step_is_the_limit_in_both_directions():
     limited = make("actuator_saturation", HEAT, limit=0.8, level=1.5)
     for sign in (1, -1):

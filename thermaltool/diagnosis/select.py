@@ -138,10 +138,10 @@ def ranked(
     fitted = []
     for k, candidate in enumerate(short):
         progress(f"fitting {candidate.effect.name} ({k + 1} of {len(short)})")
-        fitted.append(fit_candidate(hypothesis, candidate))
+        fitted.append(_refined(hypothesis, candidate))
         if candidate.assumptions != present:
             # Far from its trial size a cause may need no other change of the model.
-            fitted.append(fit_candidate(hypothesis, replace(candidate, assumptions=present)))
+            fitted.append(_refined(hypothesis, replace(candidate, assumptions=present)))
     fitted = [replace(c, evidence=c.evidence - correction) for c in fitted]
     fitted.sort(key=lambda c: -(c.evidence - DECISIVE_EVIDENCE * (c.assumptions != present)))
     return Ranking(scanned, fitted, correction, alone)
@@ -284,6 +284,16 @@ def fit_candidate(hypothesis: Hypothesis, candidate: CauseCandidate) -> CauseCan
         },
     )
     return max(seen.values(), key=lambda c: c.gain)
+
+
+def _refined(hypothesis: Hypothesis, candidate: CauseCandidate) -> CauseCandidate:
+    """A candidate fitted; with one more parameter where that has decisively more evidence."""
+    found = fit_candidate(hypothesis, candidate)
+    finer = found.effect.finer()
+    if finer is None:
+        return found
+    again = fit_candidate(hypothesis, CauseCandidate.unfitted(finer, found.assumptions))
+    return again if again.evidence > found.evidence + DECISIVE_EVIDENCE else found
 
 
 def _best_instant(hypothesis: Hypothesis, start: Effect, assumptions: Assumptions) -> Effect:

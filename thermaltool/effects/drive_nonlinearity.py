@@ -3,7 +3,8 @@
 from __future__ import annotations
 
 from collections.abc import Iterator
-from typing import ClassVar
+from dataclasses import replace
+from typing import ClassVar, Self
 
 import numpy as np
 
@@ -12,12 +13,18 @@ from thermaltool.effects.scene import Scene
 from thermaltool.record import Record
 from thermaltool.units import is_temperature
 
+# A law agrees with the straight line of a calibration at most so far from the largest level.
+MOST_BEYOND = 10.0
+TINY = 1e-12
+
 
 class DriveNonlinearity(Effect):
     """What acts is sign(u)·|u|^exponent beyond a dead band, scaled to agree at the largest level.
 
-    Or u·(1 + curvature·|u|/level). Heat by a voltage or a current goes with its square, friction
-    with a power of the speed, the torque of a motor has a share of both.
+    Or u·(1 + curvature·|u|/level), which agrees near zero. With `agrees_at` any of them is scaled
+    to agree there: the straight line of a calibration may meet the law anywhere. Heat by a voltage
+    or a current goes with its square, friction with a power of the speed, the torque of a motor has
+    a share of both.
     """
 
     name: ClassVar[str] = "drive_nonlinearity"
@@ -45,9 +52,33 @@ class DriveNonlinearity(Effect):
         # Below, more of the drive would be less of what acts.
         "curvature": Parameter("1", low=-0.45, high=5.0, linear=True),
         "level": Parameter("{channel}", fixed=True),
+        "agrees_at": Parameter("{channel}", low=0.0, log=True, place=True),
     }
 
     def drive(self, record: Record, u: Float, memory: Memory = None) -> Float:
+        return self._law(u) / self._excess()
+
+    def finer(self) -> Self | None:
+        """The law scaled to agree with the straight line at another level, which is searched."""
+        if "agrees_at" in self.parameters:
+            return None
+        agrees = {"agrees_at": self.parameters["level"]}
+        return replace(self, parameters={**self.parameters, **agrees}, covariance=None)
+
+    def plausible(self, scene: Scene) -> bool:
+        share = self.parameters.get("agrees_at", 1.0) / max(self.parameters["level"], TINY)
+        met = "agrees_at" not in self.parameters or 1 / MOST_BEYOND <= share <= MOST_BEYOND
+        return met and super().plausible(scene)
+
+    def _excess(self) -> float:
+        """By what factor the law is above the straight line where they are to agree."""
+        at = self.parameters.get("agrees_at")
+        if at is None:
+            return 1.0
+        # Inside a dead band they agree nowhere.
+        return max(float(self._law(np.array([at]))[0]) / at, TINY)
+
+    def _law(self, u: Float) -> Float:
         level = self.parameters["level"]
         if "curvature" in self.parameters:
             return u + self.parameters["curvature"] * u * np.abs(u) / level
@@ -58,7 +89,7 @@ class DriveNonlinearity(Effect):
 
     def undone(self, values: Float) -> Float:
         """Of a dead band, inside which nothing acts, the middle; of a parabola, its near side."""
-        level = self.parameters["level"]
+        level, values = self.parameters["level"], values * self._excess()
         curvature = self.parameters.get("curvature", 0.0)
         if curvature:
             root = np.sqrt(np.maximum(1 + 4 * curvature * np.abs(values) / level, 0.0))

@@ -242,6 +242,10 @@ class Effect:
         known = ((self.parameter(name), value) for name, value in self.parameters.items())
         return all(each.low <= value <= each.high for each, value in known)
 
+    def finer(self) -> Effect | None:
+        """The same cause with one more parameter to search, where that is worth a trial."""
+        return None
+
     @property
     def odds(self) -> float:
         """How common it is beside a property of the machine, before any log is seen."""
