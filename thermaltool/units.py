@@ -2,8 +2,8 @@
 
 ``T_spindle_degC`` is an absolute temperature, ``dT_pair1_K`` a difference of two, ``Q_main_W`` a
 heat, ``Q_main_1`` a heat relative to full scale, ``d_z_um`` a displacement, ``n_spindle_rpm`` a
-speed, ``U_heater_V`` a voltage, ``V_coolant_l/min`` a flow; ``time_s`` (or ISO 8601 ``time``) is
-the clock. The place may be absent (``T_degC``) and may contain underscores.
+speed, ``v_x_m/min`` a feed, ``U_heater_V`` a voltage, ``V_coolant_l/min`` a flow; ``time_s`` (or
+ISO 8601 ``time``) is the clock. The place may be absent (``T_degC``) and may contain underscores.
 """
 
 from __future__ import annotations
@@ -23,7 +23,10 @@ Reference = float | Literal["first"]
 # Quantities that run on between samples; heat, voltage, speed are commanded.
 _CONTINUOUS = ("temperature", "temperature difference", "length", "angle")
 _DISPLACEMENTS = ("length", "angle")
-_HEATING = ("power", "heat flux", "ratio", "speed", "temperature", "temperature difference")
+_HEATING = (
+    *("power", "heat flux", "ratio", "speed", "velocity"),
+    *("temperature", "temperature difference"),
+)
 _SYMBOLS = {
     "degC": "°C",
     "um": "µm",
@@ -66,10 +69,15 @@ UNITS: dict[str, tuple[str, float]] = {
     "urad": ("angle", 1.0),
     "rad": ("angle", 1e6),
     "rpm": ("speed", 1.0),
+    "m/s": ("velocity", 1.0),
+    "mm/s": ("velocity", 1e-3),
+    "m/min": ("velocity", 1.0 / 60.0),
+    "mm/min": ("velocity", 1e-3 / 60.0),
     "V": ("voltage", 1.0),
     "mV": ("voltage", 1e-3),
     "A": ("current", 1.0),
     "N": ("force", 1.0),
+    "Nm": ("torque", 1.0),
     "Hz": ("frequency", 1.0),
     "bar": ("pressure", 1.0),
     "mbar": ("pressure", 1e-3),

@@ -21,6 +21,8 @@ SYMBOLS = {
     "length": "d",
     "angle": "phi",
     "speed": "n",
+    "velocity": "v",
+    "torque": "M",
     "voltage": "U",
     "current": "I",
     "force": "F",
