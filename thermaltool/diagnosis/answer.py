@@ -15,10 +15,8 @@ from thermaltool.diagnosis.gain import Gain
 from thermaltool.diagnosis.hypothesis import Hypothesis
 from thermaltool.diagnosis.lasting import Recurrence, may_recur, recurrences
 from thermaltool.diagnosis.noisy_states import noisy_states
+from thermaltool.diagnosis.own_change import with_own_change
 from thermaltool.diagnosis.residual_budget import (
-    ADEQUATE_SHARE,
-    OutputInLog,
-    ResidualBudget,
     reading_noise,
     weigh_residuals,
     worst_logs,
@@ -37,7 +35,6 @@ from thermaltool.diagnosis.state import (
     judged_by,
 )
 from thermaltool.diagnosis.verdict import (
-    MIN_SHARE_LEFT,
     nothing_moves,
     undecided,
     unknown_cause,
@@ -47,9 +44,6 @@ from thermaltool.diagnosis.written import account, explained
 from thermaltool.effects.effect import Effect
 from thermaltool.model import Model
 from thermaltool.units import parse_channel, printed
-
-# A response has changed where its drive moves an output by so many times the noise more or less.
-MIN_MOVED = 3.0
 
 
 def answer(task: DiagnosisTask, first: Hypothesis, search: SearchState) -> Diagnosis:
@@ -92,7 +86,7 @@ def answer(task: DiagnosisTask, first: Hypothesis, search: SearchState) -> Diagn
     if effects:
         after, left = weigh_residuals(ended, last.with_model(fitted), noise)
     elif HAS_CHANGED in search.notes:
-        search = _changed(task, search, budgets, noise)
+        search = with_own_change(task, search, budgets, noise)
     changed = next((note for note in search.notes if note.startswith(HAS_CHANGED)), None)
     unknown = None
     if not search.undecided:
@@ -181,42 +175,6 @@ def answer(task: DiagnosisTask, first: Hypothesis, search: SearchState) -> Diagn
         tuple(log.digest for log in full.sound),
         rests is not None,
     )
-
-
-def _changed(
-    task: DiagnosisTask,
-    search: SearchState,
-    budgets: Mapping[OutputInLog, ResidualBudget],
-    noise: Mapping[str, float],
-) -> SearchState:
-    """What the model's own parameters have become, where that is what is wrong; else no word of it.
-
-    A trouble of another kind bends them as well, and stays.
-    """
-    ended = search.ended
-    if ended.model.effects != task.model.effects:
-        # Causes that were dropped since do not speak for the parameters.
-        ended = search.open().fitted()
-    _, left = weigh_residuals(ended, ended, noise)
-    search = replace(search, notes=tuple(note for note in search.notes if note != HAS_CHANGED))
-    if any(
-        each.allowed < ADEQUATE_SHARE
-        and each.unexplained > MIN_SHARE_LEFT * budgets[at].unexplained
-        for at, each in left.items()
-    ):
-        return search.noted(
-            "other parameters of the model's own do not explain it: to calibrate again is no help"
-        )
-    end = np.array([0.0, max(log.duration for log in task.logs)])
-    moved: dict[str, tuple[float, str]] = {}
-    for old, new in zip(task.model.terms, ended.model.terms, strict=True):
-        before, after = (float(term.response.step(end)[-1]) for term in (old, new))
-        change = abs(after - before) * ended.simulation.level(old.drive)
-        size = change / noise.get(old.output, np.inf)
-        if before and size > moved.get(old.drive, (MIN_MOVED, ""))[0]:
-            moved[old.drive] = size, f"{old.drive} moves {old.output} {after / before:.3g} times"
-    told = ", ".join(sentence for _, sentence in moved.values())
-    return search.noted(f"{HAS_CHANGED} ({told} as far as it did)" if told else HAS_CHANGED)
 
 
 def _averaged(task: DiagnosisTask) -> Iterator[str]:
