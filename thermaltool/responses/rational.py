@@ -25,6 +25,9 @@ from thermaltool.responses.parameters import check_parameters
 NAMES = re.compile(r"(?:rational(\d+)|oscillation(\d*)|oscillations(\d+)_(\d+))(_direct)?")
 # Poles of a kind, at most.
 MAX_POLES = 12
+# Time constants of a fit are so far apart that their gains do not cancel: a chain of equal lags is
+# met as well by unequal ones.
+MIN_RATIO = 1.05
 # Starts of a fit, at most, where a grid of all parameters would have more.
 MAX_STARTS = 400
 
@@ -128,6 +131,20 @@ class Rational:
         """Slowest time constant [s]."""
         times = [tau for _, tau in self._lags()]
         return max([*times, *(-1 / pole.real for pole, _ in self._pairs())])
+
+    @classmethod
+    def search_excess(cls, **values: float) -> float:
+        """How much nearer to each other time constants are than they can be told apart.
+
+        Gains of equal ones cancel without end.
+
+        Parameters
+        ----------
+        **values : float
+            Searched parameters.
+        """
+        lags = np.sort([np.log(value) for name, value in values.items() if name.startswith("tau")])
+        return float(np.sum(np.maximum(np.log(MIN_RATIO) - np.diff(lags), 0.0)))
 
     def partial_fractions(self) -> tuple[Complex, Complex]:
         """Poles p and residues w of Σ w/(s − p), both of a pair [1/s]; no delay, no feedthrough."""
