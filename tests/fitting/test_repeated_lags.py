@@ -10,7 +10,7 @@ import pytest
 from thermaltool.fitting.calibrate import calibrate
 from thermaltool.fitting.calibration_plan import CalibrationPlan
 from thermaltool.record import Record
-from thermaltool.responses.rational import MIN_RATIO
+from thermaltool.responses.parameters import MIN_RATIO
 from thermaltool.signals.intervals import standard_error
 
 HEAT, NEAR = "P_heater_W", "T_near_degC"

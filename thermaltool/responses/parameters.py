@@ -2,10 +2,17 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from math import inf, isfinite
 from typing import Any
 
+import numpy as np
+
 from thermaltool.errors import ModelError
+
+# Rates of a fit are so far apart that their gains do not cancel without end: a chain of equal lags
+# is met as well by unequal ones, to 3e-5 of its step.
+MIN_RATIO = 1.05
 
 
 def check_parameters(response: Any, wanted: str) -> None:
@@ -28,3 +35,15 @@ def check_parameters(response: Any, wanted: str) -> None:
     gains = {name: getattr(response, name) for name in response.gains}
     if not all(map(isfinite, gains.values())):
         raise ModelError(f"{response.kind} needs finite gains ({gains})")
+
+
+def nearness(rates: Sequence[float]) -> float:
+    """How much nearer to each other rates are than `MIN_RATIO`, as a logarithm; 0 for apart.
+
+    Parameters
+    ----------
+    rates : sequence of float
+        Rates, or time constants.
+    """
+    apart = np.diff(np.sort(np.log(rates)))
+    return float(np.sum(np.maximum(np.log(MIN_RATIO) - apart, 0.0)))

@@ -19,15 +19,12 @@ import numpy as np
 from thermaltool.errors import ModelError
 from thermaltool.responses.delay import DelayedModes
 from thermaltool.responses.modes import Complex, Float, Modes, Range
-from thermaltool.responses.parameters import check_parameters
+from thermaltool.responses.parameters import check_parameters, nearness
 
 # Lags, oscillations and feedthrough of a kind, by its name.
 NAMES = re.compile(r"(?:rational(\d+)|oscillation(\d*)|oscillations(\d+)_(\d+))(_direct)?")
 # Poles of a kind, at most.
 MAX_POLES = 12
-# Time constants of a fit are so far apart that their gains do not cancel: a chain of equal lags is
-# met as well by unequal ones.
-MIN_RATIO = 1.05
 # Starts of a fit, at most, where a grid of all parameters would have more.
 MAX_STARTS = 400
 
@@ -134,17 +131,14 @@ class Rational:
 
     @classmethod
     def search_excess(cls, **values: float) -> float:
-        """How much nearer to each other time constants are than they can be told apart.
-
-        Gains of equal ones cancel without end.
+        """How much nearer to each other time constants are than they are told apart.
 
         Parameters
         ----------
         **values : float
             Searched parameters.
         """
-        lags = np.sort([np.log(value) for name, value in values.items() if name.startswith("tau")])
-        return float(np.sum(np.maximum(np.log(MIN_RATIO) - np.diff(lags), 0.0)))
+        return nearness([value for name, value in values.items() if name.startswith("tau")])
 
     def partial_fractions(self) -> tuple[Complex, Complex]:
         """Poles p and residues w of Σ w/(s − p), both of a pair [1/s]; no delay, no feedthrough."""
