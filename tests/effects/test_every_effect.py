@@ -276,3 +276,18 @@ def test_missing_readings_of_a_channel_beside_the_model_do_not_spread(name):
             holed[channel][[0, 1, 300, 301, -1]] = np.nan
             y = model(effect).simulate(Record(log.time, holed, digest=log.digest))
             assert all(np.isfinite(values).all() for values in y.values())
+
+
+def test_a_law_agrees_nowhere_inside_its_dead_band():
+    scene = place()
+    drive, level = next(iter(scene.levels().items()))
+
+    def law(**parameters):
+        return effect_class("drive_nonlinearity")(drive, {"level": level, **parameters})
+
+    assert law(dead_band=0.5 * level, agrees_at=level).plausible(scene)
+    assert not law(dead_band=0.5 * level, agrees_at=0.4 * level).plausible(scene)
+    assert not law(dead_band=0.5 * level, agrees_at=5.0 * level).plausible(scene)
+    # ... nor where more of the drive would be less of what acts.
+    assert law(curvature=0.4, agrees_at=level).plausible(scene)
+    assert not law(curvature=2.0, agrees_at=level).plausible(scene)

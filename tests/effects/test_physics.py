@@ -88,8 +88,12 @@ def test_a_law_agrees_with_the_straight_line_where_it_says(law, other):
     plain = make("drive_nonlinearity", HEAT, level=2.0, **law)
     effect = make("drive_nonlinearity", HEAT, level=2.0, agrees_at=other, **law)
     acting, bent = effect.drive(None, u), plain.drive(None, u)
-    assert acting[u == other] == pytest.approx(other)
-    np.testing.assert_allclose(acting, bent * other / bent[u == other], atol=1e-14)
+    np.testing.assert_allclose(acting[u == other], other)
+    np.testing.assert_allclose(acting[u == -other], -other)
+    # The same law but for a scale; of a parabola, with the same bend.
+    scaled = bent * other / bent[u == other]
+    moved = u + 0.6 * u * (np.abs(u) - other) / 2.0
+    np.testing.assert_allclose(acting, moved if "curvature" in law else scaled, atol=1e-14)
     np.testing.assert_allclose(effect.drive(None, effect.undone(acting)), acting, atol=1e-14)
     assert effect.finer() is None
     assert plain.finer().parameters["agrees_at"] == 2.0

@@ -52,7 +52,7 @@ def action_of(
             values[base] = _text(value - since, effect.unit(name))
             values[f"{base}_percent"] = f"{100 * value:.3g} %"
             if not effect.parameter(name).fixed:
-                fitted.append(f"{base} {values[base]}")
+                fitted.append(f"{base.replace('_', ' ')} {values[base]}")
     values["fitted"] = ", ".join(fitted)
     if location is not None:
         values["start"], values["stop"] = (_text(t, "s") for t in (location.start, location.stop))

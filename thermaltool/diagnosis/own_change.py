@@ -23,8 +23,8 @@ from thermaltool.units import is_absolute
 # A response has changed where its drive moves an output by so many times the noise more or less.
 MIN_MOVED = 3.0
 # A change of the loss of heat is told from so much of its logarithm on, where gains and time
-# constants of all outputs agree with it within this part of that.
-MIN_CHANGE_OF_LOSS, SAME_PROPORTION = 0.05, 0.5
+# constants of all outputs, two at least, agree with it within this part of that.
+MIN_CHANGE_OF_LOSS, SAME_PROPORTION = 0.1, 0.35
 
 
 def with_own_change(
@@ -100,14 +100,12 @@ def loss_of_heat(before: Sequence[Term], after: Sequence[Term], end: Float) -> s
         if reached and not is_absolute(old.drive):
             gains.append(float(new.response.step(end)[-1]) / reached)
             rates.append(slowest / new.response.slowest())
-    faster = float(np.median(rates)) if rates else 1.0
-    allowed = SAME_PROPORTION * abs(np.log(faster))
-    same = all(
-        gain > 0 and abs(np.log(each / faster)) < allowed
-        for gain, rate in zip(gains, rates, strict=True)
-        for each in (rate, 1 / gain)
-    )
-    if abs(np.log(faster)) < MIN_CHANGE_OF_LOSS or not same:
+    if len(gains) < 2 or min(gains) <= 0:
+        return ""
+    changes = np.log([*rates, *(1 / gain for gain in gains)])
+    faster = float(np.exp(np.median(changes[: len(rates)])))
+    off = float(np.max(np.abs(changes - np.log(faster))))
+    if abs(np.log(faster)) < max(MIN_CHANGE_OF_LOSS, off / SAME_PROPORTION):
         return ""
     told = f"less, and sooner, as where heat is lost {faster:.2g} times as fast"
     if faster < 1:

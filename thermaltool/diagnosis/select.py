@@ -290,7 +290,8 @@ def _refined(hypothesis: Hypothesis, candidate: CauseCandidate) -> CauseCandidat
     """A candidate fitted; with one more parameter where that has decisively more evidence."""
     found = fit_candidate(hypothesis, candidate)
     finer = found.effect.finer()
-    if finer is None:
+    # Gains that are free are scaled by themselves.
+    if finer is None or "released" in found.assumptions:
         return found
     again = fit_candidate(hypothesis, CauseCandidate.unfitted(finer, found.assumptions))
     return again if again.evidence > found.evidence + DECISIVE_EVIDENCE else found

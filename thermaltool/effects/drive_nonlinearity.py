@@ -13,18 +13,18 @@ from thermaltool.effects.scene import Scene
 from thermaltool.record import Record
 from thermaltool.units import is_temperature
 
-# A law agrees with the straight line of a calibration at most so far from the largest level.
-MOST_BEYOND = 10.0
+# A law agrees with the straight line of a calibration within this factor of the largest level.
+MOST_BEYOND = 3.0
 TINY = 1e-12
 
 
 class DriveNonlinearity(Effect):
     """What acts is sign(u)·|u|^exponent beyond a dead band, scaled to agree at the largest level.
 
-    Or u·(1 + curvature·|u|/level), which agrees near zero. With `agrees_at` any of them is scaled
-    to agree there: the straight line of a calibration may meet the law anywhere. Heat by a voltage
-    or a current goes with its square, friction with a power of the speed, the torque of a motor has
-    a share of both.
+    Or u·(1 + curvature·|u|/level), which agrees near zero. With `agrees_at` they agree there, the
+    parabola as u·(1 + curvature·(|u| − agrees_at)/level): the straight line of a calibration may
+    meet the law anywhere. Heat by a voltage or a current goes with its square, friction with a
+    power of the speed, the torque of a motor has a share of both.
     """
 
     name: ClassVar[str] = "drive_nonlinearity"
@@ -52,11 +52,30 @@ class DriveNonlinearity(Effect):
         # Below, more of the drive would be less of what acts.
         "curvature": Parameter("1", low=-0.45, high=5.0, linear=True),
         "level": Parameter("{channel}", fixed=True),
-        "agrees_at": Parameter("{channel}", low=0.0, log=True, place=True),
+        "agrees_at": Parameter("{channel}", low=TINY, log=True, place=True),
     }
 
     def drive(self, record: Record, u: Float, memory: Memory = None) -> Float:
-        return self._law(u) / self._excess()
+        at = self.parameters.get("agrees_at")
+        if "curvature" in self.parameters:
+            bend = self.parameters["curvature"] / self.parameters["level"]
+            return u + bend * u * (np.abs(u) - (at or 0.0))
+        law = self._law(u)
+        return law if at is None else law * at / max(self._law_at(at), TINY)
+
+    def undone(self, values: Float) -> Float:
+        """Of a dead band, inside which nothing acts, the middle; of a parabola, its near side."""
+        level, at = self.parameters["level"], self.parameters.get("agrees_at")
+        if "curvature" in self.parameters:
+            bend = self.parameters["curvature"] / level
+            first = 1 - bend * (at or 0.0)
+            root = np.sqrt(np.maximum(first**2 + 4 * bend * np.abs(values), 0.0))
+            return 2 * values / (first + root)
+        if at is not None:
+            values = values * self._law_at(at) / at
+        beyond = self.parameters.get("dead_band", 0.0)
+        size = (np.abs(values) / level) ** (1 / self.parameters.get("exponent", 1.0))
+        return np.sign(values) * (beyond + (level - beyond) * size)
 
     def finer(self) -> Self | None:
         """The law scaled to agree with the straight line at another level, which is searched."""
@@ -66,37 +85,28 @@ class DriveNonlinearity(Effect):
         return replace(self, parameters={**self.parameters, **agrees}, covariance=None)
 
     def plausible(self, scene: Scene) -> bool:
-        share = self.parameters.get("agrees_at", 1.0) / max(self.parameters["level"], TINY)
-        met = "agrees_at" not in self.parameters or 1 / MOST_BEYOND <= share <= MOST_BEYOND
-        return met and super().plausible(scene)
-
-    def _excess(self) -> float:
-        """By what factor the law is above the straight line where they are to agree."""
-        at = self.parameters.get("agrees_at")
+        at, level = self.parameters.get("agrees_at"), self.parameters["level"]
         if at is None:
-            return 1.0
-        # Inside a dead band they agree nowhere.
-        return max(float(self._law(np.array([at]))[0]) / at, TINY)
+            return super().plausible(scene)
+        if not level / MOST_BEYOND < at < level * MOST_BEYOND:
+            return False
+        if "curvature" in self.parameters:
+            # Less of what acts for more of the drive is none of these laws.
+            bend = self.parameters["curvature"] / level
+            rises = min(1 - bend * at, 1 + bend * (2 * level - at)) > 0
+            return rises and super().plausible(scene)
+        return self._law_at(at) > 0 and super().plausible(scene)
+
+    def _law_at(self, level: float) -> float:
+        """What the unscaled law makes of a level."""
+        return float(self._law(np.array([level]))[0])
 
     def _law(self, u: Float) -> Float:
         level = self.parameters["level"]
-        if "curvature" in self.parameters:
-            return u + self.parameters["curvature"] * u * np.abs(u) / level
         beyond = self.parameters.get("dead_band", 0.0)
         exponent = self.parameters.get("exponent", 1.0)
         size = np.maximum(np.abs(u) - beyond, 0.0) / max(level - beyond, 1e-12 * level)
         return np.sign(u) * level * size**exponent
-
-    def undone(self, values: Float) -> Float:
-        """Of a dead band, inside which nothing acts, the middle; of a parabola, its near side."""
-        level, values = self.parameters["level"], values * self._excess()
-        curvature = self.parameters.get("curvature", 0.0)
-        if curvature:
-            root = np.sqrt(np.maximum(1 + 4 * curvature * np.abs(values) / level, 0.0))
-            return 2 * values / (1 + root)
-        beyond = self.parameters.get("dead_band", 0.0)
-        size = (np.abs(values) / level) ** (1 / self.parameters.get("exponent", 1.0))
-        return np.sign(values) * (beyond + (level - beyond) * size)
 
     @classmethod
     def probes(cls, scene: Scene) -> Iterator[Effect]:
@@ -108,3 +118,4 @@ class DriveNonlinearity(Effect):
                 for share in (0.02, 0.05, 0.1, 0.2, 0.4):
                     yield cls(drive, {"dead_band": share * level, "level": level})
             yield cls(drive, {"curvature": 0.1, "level": level})
+            yield cls(drive, {"curvature": 0.1, "level": level, "agrees_at": level})

@@ -148,8 +148,12 @@ def _never_settles(task: KindSearch, taken: KindCandidate) -> tuple[bool, bool]:
         return False, False
     slowest = [response.slowest() for response in settled.responses]
     around = surroundings(bound.drives, task.output)
-    # One body has the same slow lags, whatever moves it.
-    others = [SLOWER_THAN_HEAT * each for d, each in enumerate(slowest) if d not in around]
+    # One body has the same slow lags, whatever moves it; shared ones are seen where they end.
+    others = [
+        SLOWER_THAN_HEAT * each
+        for d, each in enumerate(slowest)
+        if d not in around and not taken.common
+    ]
     unseen = max(slowest[d] for d in around) > max(others, default=task.duration)
     if free.soundness.flaw:
         return False, unseen

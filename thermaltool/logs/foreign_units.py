@@ -26,7 +26,7 @@ SPELLINGS: dict[str, tuple[str, float, float]] = {
     **dict.fromkeys(("1/min", "u/min", "r/min", "min-1", "min^-1", "rev/min"), ("rpm", 1.0, 0.0)),
     **dict.fromkeys(("mmpm", "mm/minute"), ("mm/min", 1.0, 0.0)),
     **dict.fromkeys(("in/min", "ipm", "inch/min"), ("mm/min", 25.4, 0.0)),
-    **dict.fromkeys(("n·m", "n*m", "n.m"), ("Nm", 1.0, 0.0)),
+    **dict.fromkeys(("n·m", "n⋅m", "n*m", "n.m", "n-m"), ("Nm", 1.0, 0.0)),
     **dict.fromkeys(("watt", "watts"), ("W", 1.0, 0.0)),
     **dict.fromkeys(("volt", "volts"), ("V", 1.0, 0.0)),
     **dict.fromkeys(("amp", "amps", "ampere", "amperes"), ("A", 1.0, 0.0)),

@@ -8,7 +8,7 @@ with a log.
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from functools import cached_property
 from typing import TYPE_CHECKING, Literal
@@ -148,6 +148,8 @@ class _StateFit:
     Attributes
     ----------
     state : _FreeState
+    decays_at : callable
+        How the output may come to rest, shape (k, rows).
     weights : ndarray, shape (k,) [unit of the output]
         Of the decays, and of the zero where it is free.
     reaches, explains : bool
@@ -158,6 +160,7 @@ class _StateFit:
     """
 
     state: _FreeState
+    decays_at: Callable[[NDArray[np.intp] | slice], Float]
     weights: Float
     reaches: bool = False
     explains: bool = False
@@ -177,7 +180,7 @@ class _StateFit:
 
     def added(self, simulated: Float) -> StartedOutput:
         """The output with its state at the first row."""
-        decays = self.state.decays()
+        decays = self.decays_at(slice(None))
         computed = simulated + self.weights[: len(decays)] @ decays
         zero = self.state.stated
         if self.state.is_zero_free:
@@ -240,29 +243,56 @@ class _FreeState:
         """Whether the output has more modes than are fitted one by one."""
         return not mode_decays(self.model, self.output.channel, np.zeros(1))
 
-    def decays(self, rows: NDArray[np.intp] | slice = slice(None)) -> Float:
-        """How the output may come to rest, shape (k, n); by few modes where few rows say so."""
+    def modes(self, rows: NDArray[np.intp] | slice = slice(None)) -> Float:
+        """How the output may come to rest by the modes of the model, shape (k, n)."""
         elapsed, cooling = self.course.clock[rows], self.course.cooling[rows]
-        expected = self.output.fit.get("free_start") or self.has_many_modes
-        if self.is_forecast or not (self.is_seen or (self.is_sampled and expected)):
-            return free_decays(self.model, self.output.channel, elapsed, cooling)
+        return free_decays(self.model, self.output.channel, elapsed, cooling)
+
+    def any_decays(self, rows: NDArray[np.intp] | slice = slice(None)) -> Float:
+        """How the output may come to rest by modes that its drives hardly move, shape (k, n)."""
         slowest = self.slowest
         if self.is_zero_free:
             # What hardly decays in these rows is not told from the zero.
             slowest = min(slowest, float(np.ptp(self.record.time[self.rows])) / MIN_TIME_CONSTANTS)
-        return start_decays(elapsed, slowest, self.record.period) * np.exp(-cooling)
+        decays = start_decays(self.course.clock[rows], slowest, self.record.period)
+        return decays * np.exp(-self.course.cooling[rows])
+
+    @property
+    def is_told_by_few(self) -> bool:
+        """Whether the rows are too few, or others than those judged, for any but the modes."""
+        expected = self.output.fit.get("free_start") or self.has_many_modes
+        return self.is_forecast or not (self.is_seen or (self.is_sampled and expected))
 
     def fit(self, simulated: Float) -> _StateFit:
-        """The state and the zero that fit the rows best."""
+        """The state and the zero that fit the rows best.
+
+        Any decays follow whatever is slow in a log: they are taken where what they do beside the
+        modes of the model is a start by itself.
+        """
+        if self.is_told_by_few:
+            return self._fit(simulated, self.modes)[0]
+        found, left = self._fit(simulated, self.any_decays)
+        if self.has_many_modes:
+            return found
+        plain, missed = self._fit(simulated, self.modes)
+        more = missed - left
+        late, early = more[len(more) // 2 :], more[: len(more) // 4]
+        is_start = float(np.std(late)) < MAX_LEFT_BY_STATE * float(np.std(early))
+        return found if is_start else plain
+
+    def _fit(
+        self, simulated: Float, decays_at: Callable[[NDArray[np.intp] | slice], Float]
+    ) -> tuple[_StateFit, Float]:
+        """The state and the zero that fit the rows best by some decays, and what they leave."""
         # Imported on use: the stream reads models and needs no scipy.
         from scipy.linalg import lstsq
 
         rows = self.rows[:: max(-(-len(self.rows) // MAX_STATE_ROWS), 1)]
         off = self.record.columns[self.output.channel][rows] - simulated[rows] - self.stated
-        decays = self.decays(rows)
+        decays = decays_at(rows)
         columns = np.vstack([decays, np.ones((int(self.is_zero_free), len(rows)))])
         if not 0 < 2 * len(columns) <= len(rows):
-            return _StateFit(self, np.zeros(len(columns)))
+            return _StateFit(self, decays_at, np.zeros(len(columns))), off
         size = np.max(np.abs(columns), axis=1)
         size[size == 0] = 1.0
         table = columns.T / size
@@ -276,7 +306,7 @@ class _FreeState:
             explains = float(np.std(left)) < MAX_LEFT_BESIDE_DRIVES * other
         reaches = float(np.std(left)) < MAX_LEFT_BY_STATE * float(np.sqrt(np.mean(off**2)))
         is_over = float(np.std(late)) < max(most, MAX_LEFT_BY_STATE * float(np.std(early)))
-        return _StateFit(self, found / size, reaches, explains, is_over)
+        return _StateFit(self, decays_at, found / size, reaches, explains, is_over), left
 
     def _begins_at_once(self, decay: Float, rows: NDArray[np.intp]) -> bool:
         """Whether most of a way to rest lies in the first time constants."""

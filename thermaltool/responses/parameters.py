@@ -10,8 +10,8 @@ import numpy as np
 
 from thermaltool.errors import ModelError
 
-# Rates of a fit are so far apart that their gains do not cancel without end: a chain of equal lags
-# is met as well by unequal ones, to 3e-5 of its step.
+# Rates of a fit stay so far apart, unless records are worse followed by this part: a chain of equal
+# lags is met as well by unequal ones, to 3e-5 of its step, and their gains cancel less.
 MIN_RATIO = 1.05
 
 
