@@ -179,6 +179,18 @@ def test_a_law_that_meets_the_straight_line_elsewhere_is_one_cause(model: Model)
 
 
 @pytest.mark.slow
+@pytest.mark.parametrize("at", [0.125, 1.0])
+def test_a_parabola_that_meets_the_straight_line_anywhere(model: Model, at: float) -> None:
+    wrong = log(LEVELS * (1 + 1.5 * LEVELS) / (1 + 1.5 * at), 10)
+    (cause,) = diagnose(model, [wrong]).causes
+    assert (cause.effect.name, cause.effect.channel) == ("drive_nonlinearity", "Q_main_1")
+    level = cause.effect.parameters["level"]
+    found = cause.effect.parameters["curvature"] / level
+    assert found == pytest.approx(1.5 / (1 + 1.5 * at), rel=0.05)
+    assert cause.effect.parameters["agrees_at"] == pytest.approx(at, rel=0.1)
+
+
+@pytest.mark.slow
 def test_a_drive_that_is_only_on_or_off(model: Model) -> None:
     wrong = log((LEVELS > 0) * 1.0, 8)
     (cause,) = diagnose(model, [wrong]).causes

@@ -13,8 +13,9 @@ from thermaltool.effects.scene import Scene
 from thermaltool.record import Record
 from thermaltool.units import is_temperature
 
-# A law agrees with the straight line of a calibration within this factor of the largest level.
-MOST_BEYOND = 3.0
+# A law agrees with the straight line of a calibration at no more than so many times the largest
+# level, and, but for a parabola, at no less than this part of it.
+MOST_BEYOND, LEAST_LEVEL = 3.0, 0.1
 TINY = 1e-12
 
 
@@ -81,21 +82,23 @@ class DriveNonlinearity(Effect):
         """The law scaled to agree with the straight line at another level, which is searched."""
         if "agrees_at" in self.parameters:
             return None
-        agrees = {"agrees_at": self.parameters["level"]}
+        # Near where the plain form does.
+        share = LEAST_LEVEL if "curvature" in self.parameters else 1.0
+        agrees = {"agrees_at": share * self.parameters["level"]}
         return replace(self, parameters={**self.parameters, **agrees}, covariance=None)
 
     def plausible(self, scene: Scene) -> bool:
         at, level = self.parameters.get("agrees_at"), self.parameters["level"]
         if at is None:
             return super().plausible(scene)
-        if not level / MOST_BEYOND < at < level * MOST_BEYOND:
+        if at > MOST_BEYOND * level:
             return False
         if "curvature" in self.parameters:
             # Less of what acts for more of the drive is none of these laws.
             bend = self.parameters["curvature"] / level
             rises = min(1 - bend * at, 1 + bend * (2 * level - at)) > 0
             return rises and super().plausible(scene)
-        return self._law_at(at) > 0 and super().plausible(scene)
+        return at > LEAST_LEVEL * level and self._law_at(at) > 0 and super().plausible(scene)
 
     def _law_at(self, level: float) -> float:
         """What the unscaled law makes of a level."""
