@@ -76,6 +76,6 @@ def test_gains_and_time_constants_that_change_alike(gain: float, rate: float, to
 
 
 def test_one_output_alone_does_not_tell_another_loss() -> None:
-    before = [Term(HEAT, HEAD, Rational1(0.8, 600.0))]
-    after = [Term(HEAT, HEAD, Rational1(0.4, 300.0))]
+    before = [Term(drive, HEAD, Rational1(0.8, 600.0)) for drive in (HEAT, "P_pump_W")]
+    after = [Term(each.drive, HEAD, Rational1(0.4, 300.0)) for each in before]
     assert loss_of_heat(before, after, END * 10) == ""

@@ -291,3 +291,6 @@ def test_a_law_agrees_nowhere_inside_its_dead_band():
     # ... nor where more of the drive would be less of what acts.
     assert law(curvature=0.4, agrees_at=level).plausible(scene)
     assert not law(curvature=2.0, agrees_at=level).plausible(scene)
+    # u (1 - 0.4 u) rises up to its level, wherever it is scaled to agree.
+    assert law(curvature=-0.4 / 0.6, agrees_at=level).plausible(scene)
+    assert law(curvature=2.0, agrees_at=level).undone(np.zeros(1)) == 0.0

@@ -10,6 +10,7 @@ import pytest
 from thermaltool.errors import LogError
 from thermaltool.model import Drive, Model, Output, Term, agreements, started_outputs
 from thermaltool.record import Record
+from thermaltool.responses import response_class
 from thermaltool.responses.conduction import Conduction
 from thermaltool.responses.rational import Rational1
 
@@ -195,3 +196,55 @@ def test_what_a_body_of_many_modes_brings_along_is_followed_in_a_log_shorter_tha
     heated = heated.with_columns({T: record.columns[T] + rise})
     assert begins(heated, model=body)[1] == {"free"}
     assert agreements(body, [heated])[T].rmse < 1.1 * SIGMA
+
+
+def displacement(tau, start, own, span, zero=300.0, swing=0.0, free_start=False):
+    """A displacement of one lag, and a log over so many of it that begins away from rest."""
+    time = np.linspace(0.0, span, 1200)
+    fit = {"free_start": True} if free_start else {}
+    output = Output(Z, "deflection", "first", (0.0, 40.0), fit=fit)
+    model = replace(MODEL, outputs=(output,), terms=(Term(HEAT, Z, Rational1(40.0, tau)),))
+    y = model.simulate(Record(time, {HEAT: LEVELS}))[Z] + start * np.exp(-time / own)
+    y = y + swing * np.sin(2 * np.pi * time / (0.8 * span))
+    y = y + zero + SIGMA * np.random.default_rng(12).standard_normal(1200)
+    return model, Record(time, {HEAT: LEVELS, Z: y}, digest="log")
+
+
+@pytest.mark.parametrize("share", [0.6, 0.8, 1.4])
+@pytest.mark.parametrize("lengths", [2.1, 3.0, 4.0])
+def test_a_start_by_another_lag_than_the_models_is_one(share, lengths):
+    model, record = displacement(1500.0, 4.0, share * 1500.0, lengths * 1500.0)
+    found, how = begins(record, model=model)
+    assert how == {"free"}
+    assert np.std(record.columns[Z] - found[Z].computed) < 0.25
+
+
+@pytest.mark.parametrize("tau", [20_000.0, 60_000.0, 200_000.0])
+def test_a_mode_slower_than_the_log_is_not_told_from_its_zero(tau):
+    model, record = displacement(tau, 20.0, 3000.0, 12_000.0, free_start=True)
+    found, how = begins(record, model=model)
+    assert how == {"free"}
+    assert found[Z].zero.value == pytest.approx(300.0, abs=15.0)
+    assert np.std(record.columns[Z] - found[Z].computed) < 1.5 * SIGMA
+
+
+def test_what_is_slow_in_a_log_is_no_part_of_its_start():
+    model, record = displacement(1500.0, 6.0, 1500.0, 12_000.0, swing=0.5, free_start=True)
+    found, how = begins(record, model=model)
+    assert how == {"free"}
+    start = found[Z].computed - model.simulate(record)[Z]
+    # One decay by the lag of the model, and all of the swing is left.
+    np.testing.assert_allclose(start, start[0] * np.exp(-record.time / 1500.0), atol=1e-9)
+    assert start[0] == pytest.approx(6.0, abs=1.0)
+    assert np.std(record.columns[Z] - found[Z].computed) > 0.3
+
+
+def test_a_pair_that_rings_begins_in_its_own_mode():
+    ring = response_class("oscillation")(K=40.0, D=0.0, omega=2 * np.pi / 2500.0, zeta=0.15)
+    model = replace(MODEL, outputs=MODEL.outputs[1:], terms=(Term(HEAT, Z, ring),))
+    (pole,) = ring.modes(10.0).poles
+    y = model.simulate(Record(TIME, {HEAT: LEVELS}))[Z] + 6.0 * np.exp(pole * TIME).real
+    y = y + 300.0 + SIGMA * np.random.default_rng(13).standard_normal(1200)
+    record = Record(TIME, {HEAT: LEVELS, Z: y}, digest="log")
+    assert begins(record, model=model)[1] == {"free"}
+    assert agreements(model, [record])[Z].rmse < 1.1 * SIGMA

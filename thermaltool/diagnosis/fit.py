@@ -68,8 +68,9 @@ class CauseCandidate:
 
     @property
     def form(self) -> tuple[str, str, str | None, frozenset[str]]:
-        """The place, and which of its parameters the cause uses there."""
-        names = (reference_of(name)[0] for name in self.effect.parameters)
+        """The place, and which of its parameters the cause uses there, but for where it acts."""
+        own = self.effect
+        names = (reference_of(n)[0] for n in own.parameters if not own.parameter(n).place)
         return *self.place, frozenset(names)
 
     def has_other_form(self, other: CauseCandidate) -> bool:

@@ -93,14 +93,15 @@ def loss_of_heat(before: Sequence[Term], after: Sequence[Term], end: Float) -> s
     str
         The end of a sentence; empty where they do not change alike.
     """
-    gains, rates = [], []
+    gains, rates, outputs = [], [], set()
     for old, new in zip(before, after, strict=True):
         reached, slowest = float(old.response.step(end)[-1]), old.response.slowest()
         # A temperature of the surroundings is reached in the end, however fast.
         if reached and not is_absolute(old.drive):
             gains.append(float(new.response.step(end)[-1]) / reached)
             rates.append(slowest / new.response.slowest())
-    if len(gains) < 2 or min(gains) <= 0:
+            outputs.add(old.output)
+    if len(outputs) < 2 or min(gains) <= 0:
         return ""
     changes = np.log([*rates, *(1 / gain for gain in gains)])
     faster = float(np.exp(np.median(changes[: len(rates)])))

@@ -11,7 +11,7 @@ from thermaltool.diagnosis.correction import without_lags
 from thermaltool.diagnosis.simulation import Series, SimulatedLogs
 from thermaltool.effects.effect import Float
 from thermaltool.model import Model, away_from_rest, drive_rests, relative, rest_shifts
-from thermaltool.model.initial_state import SAME_POLE, mode_decays, start_decays
+from thermaltool.model.decays import SAME_POLE, mode_decays, start_decays
 from thermaltool.record import Record
 from thermaltool.units import is_absolute
 
@@ -142,7 +142,7 @@ def start_free(runs: SimulatedLogs, output: str) -> Series:
 def _beside(
     runs: SimulatedLogs, output: str, decays: Sequence[Series]
 ) -> list[tuple[Float, float]]:
-    """Start, a sum of columns, and zero of each log by least squares, as `simulate` fits them."""
+    """Start, a sum of columns, and zero of each log by least squares."""
     groups, found = runs.groups[output], []
     for k, (residual, rows) in enumerate(zip(runs.residual(output), groups.rows, strict=True)):
         columns = [np.ones(len(residual)), *(each[k] for each in decays if np.any(each[k]))]

@@ -70,8 +70,8 @@ class DriveNonlinearity(Effect):
         if "curvature" in self.parameters:
             bend = self.parameters["curvature"] / level
             first = 1 - bend * (at or 0.0)
-            root = np.sqrt(np.maximum(first**2 + 4 * bend * np.abs(values), 0.0))
-            return 2 * values / (first + root)
+            rise = first + np.sqrt(np.maximum(first**2 + 4 * bend * np.abs(values), 0.0))
+            return np.divide(2 * values, rise, out=np.zeros_like(values, float), where=rise > 0)
         if at is not None:
             values = values * self._law_at(at) / at
         beyond = self.parameters.get("dead_band", 0.0)
@@ -94,10 +94,10 @@ class DriveNonlinearity(Effect):
         if at > MOST_BEYOND * level:
             return False
         if "curvature" in self.parameters:
-            # Less of what acts for more of the drive is none of these laws.
+            # Less of what acts for more of the drive is none of these laws; scaled to agree above
+            # zero a curvature may be below the least of one that agrees there.
             bend = self.parameters["curvature"] / level
-            rises = min(1 - bend * at, 1 + bend * (2 * level - at)) > 0
-            return rises and super().plausible(scene)
+            return min(1 - bend * at, 1 + bend * (2 * level - at)) > 0
         return at > LEAST_LEVEL * level and self._law_at(at) > 0 and super().plausible(scene)
 
     def _law_at(self, level: float) -> float:

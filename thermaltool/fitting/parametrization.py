@@ -130,7 +130,7 @@ class Parametrization:
         ]
 
     def excess(self, theta: Float) -> float:
-        """How far `theta` (logarithms) is beyond what its kinds can be followed at; 0 within."""
+        """How far `theta` (logarithms) is beyond where its kinds are followed or told apart."""
         parts = zip(self._own, self.split(theta), strict=False)
         bounded = [(cls.search_excess, own) for cls, own in parts if hasattr(cls, "search_excess")]
         return float(sum(excess(**own) for excess, own in bounded))

@@ -9,7 +9,7 @@ with a log.
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property
 from typing import TYPE_CHECKING, Literal
 
@@ -18,6 +18,12 @@ from numpy.typing import NDArray
 
 from thermaltool.effects.dynamics import lagged
 from thermaltool.errors import LogError, counted
+from thermaltool.model.decays import (
+    START_TIME_CONSTANTS,
+    free_decays,
+    mode_decays,
+    start_decays,
+)
 from thermaltool.model.rest import Zero, drive_rests, rest_shifts, zero_of
 from thermaltool.model.simulate import Course, acting_drives, acting_effects, sum_terms
 from thermaltool.record import Record, Rows
@@ -28,19 +34,10 @@ if TYPE_CHECKING:
 
 Start = Literal["auto", "rest", "free"]
 
-# Modes of an output above which it is taken to come from other levels of its drives, at which it
-# had settled: a state of many modes is not told by a few rows.
-MAX_FREE_MODES = 8
-# Poles that differ by less than this part are one.
-SAME_POLE = 1e-6
 # Directions of the state weaker than this part of the strongest are left at rest.
 MIN_SENSITIVITY = 1e-6
 # Rows that a state is taken from at most: more say no more of so few unknowns.
 MAX_STATE_ROWS = 20_000
-# Time constants of an unknown start, relative to the output's slowest: so near each other that
-# their sum follows any decay to a hundredth of its height, also one slower than the model's. The
-# last ones only where the clock shows them.
-START_TIME_CONSTANTS = (1.5, 1.0, 0.6, 0.35, 0.2, 0.1, 0.05, 0.02, 0.01, 0.005)
 # A log begins away from rest where a free state leaves less than this share of an output's errors
 # (standard deviations), and the second half has no more either, or than the first quarter (a start
 # that decays at once is little of a long log): else a drift goes on there.
@@ -248,6 +245,14 @@ class _FreeState:
         elapsed, cooling = self.course.clock[rows], self.course.cooling[rows]
         return free_decays(self.model, self.output.channel, elapsed, cooling)
 
+    def told_modes(self, rows: NDArray[np.intp] | slice = slice(None)) -> Float:
+        """Of the modes those that are told from a zero that is free, shape (k, n)."""
+        decays = self.modes(rows)
+        if not self.is_zero_free:
+            return decays
+        judged = self.modes(self.rows[-1:])[:, 0]
+        return decays[np.abs(judged) <= np.exp(-MIN_TIME_CONSTANTS)]
+
     def any_decays(self, rows: NDArray[np.intp] | slice = slice(None)) -> Float:
         """How the output may come to rest by modes that its drives hardly move, shape (k, n)."""
         slowest = self.slowest
@@ -274,11 +279,16 @@ class _FreeState:
         found, left = self._fit(simulated, self.any_decays)
         if self.has_many_modes:
             return found
-        plain, missed = self._fit(simulated, self.modes)
+        plain, missed = self._fit(simulated, self.told_modes)
         more = missed - left
         late, early = more[len(more) // 2 :], more[: len(more) // 4]
         is_start = float(np.std(late)) < MAX_LEFT_BY_STATE * float(np.std(early))
-        return found if is_start else plain
+        if is_start and float(np.std(left)) < float(np.std(missed)):
+            return found
+        if plain.explains and plain.is_over:
+            return plain
+        # Whether there is a start at all is asked of whatever a machine may bring along.
+        return replace(plain, reaches=found.reaches, explains=found.explains, is_over=found.is_over)
 
     def _fit(
         self, simulated: Float, decays_at: Callable[[NDArray[np.intp] | slice], Float]
@@ -331,22 +341,6 @@ class _FreeState:
         return off - table @ np.linalg.lstsq(table, off, rcond=MIN_SENSITIVITY)[0]
 
 
-def start_decays(elapsed: Float, slowest: float, period: float) -> Float:
-    """Decays whose sum follows any way to rest, shape (k, n).
-
-    Parameters
-    ----------
-    elapsed : ndarray, shape (n,) [s]
-        Since the first row.
-    slowest : float [s]
-        Slowest time constant.
-    period : float [s]
-        Of the rows, which show none that is faster.
-    """
-    own = [share * slowest for share in START_TIME_CONSTANTS if share * slowest > period]
-    return np.array([np.exp(-elapsed / tau) for tau in own]).reshape(len(own), len(elapsed))
-
-
 def _course(model: Model, record: Record) -> Course:
     """The course of the state, its clock from 0 at the first row."""
     effects = acting_effects(model, record.digest)
@@ -355,52 +349,3 @@ def _course(model: Model, record: Record) -> Course:
         return Course(record.elapsed, np.zeros(len(record)))
     course = Course.of(states, record, sum_terms(model, effects, record))
     return Course(course.clock - course.clock[0], course.cooling)
-
-
-def free_decays(model: Model, channel: str, elapsed: Float, cooling: Float) -> Float:
-    """How an output can come to rest with all drives at rest, shape (k, n).
-
-    Each mode of its terms, or, where these are many, each term from a level of its drive at which
-    it had settled.
-
-    Parameters
-    ----------
-    model : Model
-    channel : str
-    elapsed : ndarray, shape (n,) [s]
-        Since the first row.
-    cooling : ndarray, shape (n,)
-        Γ, the integral of the rate by which all decays faster.
-    """
-    columns = mode_decays(model, channel, elapsed)
-    if not columns:
-        responses = [t.response for t in model.terms if t.output == channel]
-        columns = [each.dc_gain() - each.step(elapsed) for each in responses]
-    return np.array(columns).reshape(len(columns), len(elapsed)) * np.exp(-cooling)
-
-
-def mode_decays(model: Model, channel: str, elapsed: Float) -> list[Float]:
-    """Each mode of an output's terms as it decays, shapes (n,); none where these are many.
-
-    Parameters
-    ----------
-    model : Model
-    channel : str
-    elapsed : ndarray, shape (n,) [s]
-        Since the first row.
-    """
-    found: list[complex] = []
-    columns: list[Float] = []
-    for term in model.terms:
-        if term.output != channel:
-            continue
-        modes = term.response.modes(model.sample_period)
-        for pole, double in zip(modes.poles, modes.double, strict=True):
-            if not any(abs(pole - other) <= SAME_POLE * abs(pole) for other in found):
-                found.append(complex(pole))
-                decay = np.exp(pole * elapsed)
-                columns += [decay.real, *([decay.imag] if pole.imag else [])]
-                columns += [elapsed * decay.real] if double else []
-                if len(columns) > MAX_FREE_MODES:
-                    return []
-    return columns
