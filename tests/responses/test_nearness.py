@@ -23,7 +23,6 @@ def test_lags_and_pairs_of_a_deflection_are_apart_each_for_itself():
     assert one.search_excess(a=1.0, b=3.0, d=1.0) == 0
     assert two.search_excess(a=1.0, b=3.0, d=1.0, e=1.0) > 0
     assert two.search_excess(a=1.0, b=3.0, d=1.0, e=3.0) == 0
-    assert all(own[2] != own[3] for own in two.starts(1.0, 1000.0))
 
 
 def test_rates_that_drives_share_count_once():

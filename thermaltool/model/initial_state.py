@@ -279,12 +279,13 @@ class _FreeState:
         found, left = self._fit(simulated, self.any_decays)
         if self.has_many_modes:
             return found
-        plain, missed = self._fit(simulated, self.told_modes)
+        missed = self._fit(simulated, self.told_modes)[1]
         more = missed - left
         late, early = more[len(more) // 2 :], more[: len(more) // 4]
         is_start = float(np.std(late)) < MAX_LEFT_BY_STATE * float(np.std(early))
         if is_start and float(np.std(left)) < float(np.std(missed)):
             return found
+        plain = self._fit(simulated, self.modes)[0]
         if plain.explains and plain.is_over:
             return plain
         # Whether there is a start at all is asked of whatever a machine may bring along.

@@ -126,7 +126,7 @@ class Deflection:
         """
         rates = 1 / np.geomspace(duration, max(duration / 300, 2 * period), 6)
         pairs = itertools.combinations(rates, 2)
-        rest = itertools.combinations(rates[1:], len(cls.searched) - 2)
+        rest = itertools.product(rates[1:], repeat=len(cls.searched) - 2)
         return [(*pair, *more) for pair, more in itertools.product(pairs, list(rest))]
 
 
