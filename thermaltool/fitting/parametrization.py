@@ -130,8 +130,8 @@ class Parametrization:
         ]
 
     def excess(self, theta: Float) -> float:
-        """How far `theta` (logarithms) is beyond where its kinds are followed or told apart."""
-        parts = zip(self._own, self.split(theta), strict=False)
+        """How far `theta` (logarithms) is beyond what its kinds can be followed at; 0 within."""
+        parts = zip(self.classes, self.split(theta), strict=True)
         bounded = [(cls.search_excess, own) for cls, own in parts if hasattr(cls, "search_excess")]
         return float(sum(excess(**own) for excess, own in bounded))
 

@@ -12,7 +12,7 @@ from typing import ClassVar
 import numpy as np
 
 from thermaltool.responses.modes import Complex, Float, Modes, Range
-from thermaltool.responses.parameters import check_parameters, nearness
+from thermaltool.responses.parameters import check_parameters
 
 
 @dataclass(frozen=True)
@@ -103,18 +103,6 @@ class Deflection:
         period, duration : float [s]
         """
         return dict.fromkeys(cls.searched, (0.02 / duration, 4 / period))
-
-    @classmethod
-    def search_excess(cls, a: float, b: float, **pairs: float) -> float:
-        """How much nearer to each other lags, or critically damped pairs, are than told apart.
-
-        Parameters
-        ----------
-        a, b : float [1/s]
-        **pairs : float [1/s]
-            Rates of the critically damped pairs.
-        """
-        return nearness([a, b]) + nearness(list(pairs.values()))
 
     @classmethod
     def starts(cls, period: float, duration: float) -> list[tuple[float, ...]]:

@@ -19,7 +19,7 @@ import numpy as np
 from thermaltool.errors import ModelError
 from thermaltool.responses.delay import DelayedModes
 from thermaltool.responses.modes import Complex, Float, Modes, Range
-from thermaltool.responses.parameters import check_parameters, nearness
+from thermaltool.responses.parameters import check_parameters
 
 # Lags, oscillations and feedthrough of a kind, by its name.
 NAMES = re.compile(r"(?:rational(\d+)|oscillation(\d*)|oscillations(\d+)_(\d+))(_direct)?")
@@ -128,17 +128,6 @@ class Rational:
         """Slowest time constant [s]."""
         times = [tau for _, tau in self._lags()]
         return max([*times, *(-1 / pole.real for pole, _ in self._pairs())])
-
-    @classmethod
-    def search_excess(cls, **values: float) -> float:
-        """How much nearer to each other time constants are than they are told apart.
-
-        Parameters
-        ----------
-        **values : float
-            Searched parameters.
-        """
-        return nearness([value for name, value in values.items() if name.startswith("tau")])
 
     def partial_fractions(self) -> tuple[Complex, Complex]:
         """Poles p and residues w of Σ w/(s − p), both of a pair [1/s]; no delay, no feedthrough."""
