@@ -108,7 +108,7 @@ class DriveNonlinearity(Effect):
         level = self.parameters["level"]
         beyond = self.parameters.get("dead_band", 0.0)
         exponent = self.parameters.get("exponent", 1.0)
-        size = np.maximum(np.abs(u) - beyond, 0.0) / max(level - beyond, 1e-12 * level)
+        size = np.maximum(np.abs(u) - beyond, 0.0) / max(level - beyond, TINY * level)
         return np.sign(u) * level * size**exponent
 
     @classmethod
