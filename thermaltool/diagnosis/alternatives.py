@@ -236,6 +236,7 @@ def _unseen(information: InformationMatrix) -> Iterator[Effect]:
         if trial.log is None and trial.channel:
             places.setdefault((trial.name, trial.channel), []).append(trial)
     for several in places.values():
+        # The middle one of what an effect lists is a typical one.
         middle = len(several) // 2
         ordered = [several[middle], *several[:middle], *several[middle + 1 :]]
         if not any(_shows(information, trial) for trial in ordered):

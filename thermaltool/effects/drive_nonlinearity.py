@@ -114,11 +114,11 @@ class DriveNonlinearity(Effect):
     @classmethod
     def probes(cls, scene: Scene) -> Iterator[Effect]:
         for drive, level in scene.levels().items():
+            yield cls(drive, {"curvature": 0.1, "level": level})
+            yield cls(drive, {"curvature": 0.1, "level": level, "agrees_at": level})
             # A measured temperature knows no dead band and no power: it is no command.
             if not is_temperature(drive):
                 for exponent in (0.5, 0.7, 0.9, 1.1, 1.5, 2.0, 3.0):
                     yield cls(drive, {"exponent": exponent, "level": level})
                 for share in (0.02, 0.05, 0.1, 0.2, 0.4):
                     yield cls(drive, {"dead_band": share * level, "level": level})
-            yield cls(drive, {"curvature": 0.1, "level": level})
-            yield cls(drive, {"curvature": 0.1, "level": level, "agrees_at": level})
