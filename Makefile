@@ -59,7 +59,7 @@ test: $(READY)
 	$(PYTEST) -m "not slow"
 
 test-slow: $(READY)
-	$(PYTEST) -m slow
+	$(PYTEST) -m slow --durations=40
 
 lint: $(READY)
 	$(BIN)/ruff check .

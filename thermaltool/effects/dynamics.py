@@ -10,7 +10,6 @@ from thermaltool.effects.effect import Float, Memory, needed
 from thermaltool.effects.scene import Scene
 from thermaltool.record import Record
 from thermaltool.responses.propagation import recursion_of
-from thermaltool.responses.sample_clock import clock_step
 from thermaltool.units import Hold, hold_of
 
 HOUR = 3600.0
@@ -18,8 +17,8 @@ HOUR = 3600.0
 MAX_LAG_RECORDS = 1.0
 # By how much more is lost in a sample, at most [1].
 MAX_SAMPLE_LOSS = 1.0
-# From so many samples on a filter is faster than a loop; a stream has one at a time.
-FILTERED_SAMPLES = 50
+# From so many samples on a recursion in one call is faster than a loop; a stream has one at a time.
+LOOPED_SAMPLES = 50
 # A jump is looked for between the means of so many readings before and after it, and at so many
 # places for each.
 JUMP_READINGS, JUMP_PLACES = (2, 8, 32), 3
@@ -61,21 +60,13 @@ def lagged(
     before = whole - now
     y = np.empty(len(time))
     y[:1] = start
-    if len(steps) >= FILTERED_SAMPLES and np.ptp(steps) < clock_step(time):
-        # Imported on use: the stream reads effects and needs no filter.
-        from scipy.signal import lfilter
-
-        first = [decay[0] * start + before[0] * u[0]]
-        y[1:] = lfilter([now[0], before[0]], [1.0, -decay[0]], u[1:], zi=first)[0]
-        return y
-    if len(steps) >= FILTERED_SAMPLES:
+    if len(steps) >= LOOPED_SAMPLES:
         added = before * u[:-1] + now * u[1:]
         added[0] += decay[0] * start
         y[1:] = recursion_of(decay[None], added[None])[0, 1:]
         return y
     level, terms = start, (each.tolist() for each in (decay, before * u[:-1], now * u[1:]))
     for k, (kept, from_before, from_now) in enumerate(zip(*terms, strict=True)):
-        # In the order of the filter: the same to the last digit.
         level = kept * level + from_before + from_now
         y[k + 1] = level
     return y

@@ -58,13 +58,8 @@ def recursion_of(factor: Any, added: Any) -> Any:
     found = np.zeros((m, n + 1), np.result_type(factor, added))
     if not n:
         return found
-    # Imported on use: the stream goes row by row and needs neither.
-    if not np.ptp(factor, axis=1).any():
-        from scipy.signal import lfilter
-
-        for k in range(m):
-            found[k, 1:] = lfilter([1.0], [1.0, -factor[k, 0]], added[k])
-        return found
+    # Imported on use: the stream goes row by row and does not need it. `scipy.signal` would take
+    # longer to import, and longer for each recursion.
     from scipy.linalg.lapack import dtbtrs, ztbtrs
 
     # A triangle of two diagonals, the main one of ones: forward substitution. All recursions are
