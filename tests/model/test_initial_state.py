@@ -12,18 +12,29 @@ from thermaltool.model import Drive, Model, Output, Term, agreements, started_ou
 from thermaltool.record import Record
 from thermaltool.responses import response_class
 from thermaltool.responses.conduction import Conduction
-from thermaltool.responses.rational import Rational1
+from thermaltool.responses.rational import Rational1, Rational2
 
 SIGMA = 0.02
 TIME = 10.0 * np.arange(1200)
 HEAT, ROOM, T, Z = "Q_main_1", "T_room_degC", "T_head_degC", "d_z_um"
 LEVELS = np.repeat(np.random.default_rng(20261124).choice([0.0, 0.4, 0.7, 1.0], 40), 30)
 LAGS = {T: (8.0, 1500.0), Z: (40.0, 900.0)}
+# Of the calibration alone: 5 times as slow as the log.
+SLOW = 5.0 * TIME[-1]
 MODEL = Model(
     (Drive(HEAT, "zero", 0.0, (0.0, 1.0)),),
     (Output(T, "sensor", 20.0, (0.0, 8.0)), Output(Z, "deflection", "first", (0.0, 40.0))),
     tuple(Term(HEAT, output, Rational1(*own)) for output, own in LAGS.items()),
     10.0,
+)
+
+
+SLOWER = replace(
+    MODEL,
+    terms=tuple(
+        Term(HEAT, output, Rational2(height, tau, 0.1 * height, SLOW))
+        for output, (height, tau) in LAGS.items()
+    ),
 )
 
 
@@ -63,6 +74,14 @@ def test_a_warm_machine_is_found_and_its_start_estimated():
     # A zero that the model states is no part of the start.
     assert begins(warm)[0][T].zero.value == 20.0
     assert begins(warm)[0][Z].zero.value == pytest.approx(300.0, abs=0.2)
+
+
+def test_a_warm_machine_is_found_by_a_model_with_a_mode_slower_than_the_log():
+    warm = log(before=2000.0)
+    assert begins(warm, model=SLOWER)[1] == {"free"}
+    for channel, found in agreements(SLOWER, [warm]).items():
+        assert found.rmse < 0.03 * LAGS[channel][0]
+        assert agreements(SLOWER, [warm], initial="rest")[channel].rmse > 3 * found.rmse
 
 
 @pytest.mark.parametrize(("start", "how"), [(6.0, "free"), (0.0, "rest")])
@@ -113,10 +132,11 @@ def test_all_outputs_begin_as_the_machine_does():
     ],
     ids=["clean", "gain", "one step", "slow step", "quick step", "drift", "offset"],
 )
-def test_what_is_no_start_begins_at_rest(record):
-    found, how = begins(record)
+@pytest.mark.parametrize("model", [MODEL, SLOWER], ids=["", "slower mode"])
+def test_what_is_no_start_begins_at_rest(record, model):
+    found, how = begins(record, model=model)
     assert how == {"rest"}
-    rested = begins(record, "rest")[0]
+    rested = begins(record, "rest", model)[0]
     for channel, each in found.items():
         np.testing.assert_array_equal(each.computed, rested[channel].computed)
         assert each.zero == rested[channel].zero

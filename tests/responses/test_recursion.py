@@ -8,6 +8,7 @@ import numpy as np
 import pytest
 
 from thermaltool.responses import recursion
+from thermaltool.responses.propagation import recursion_of
 from thermaltool.responses.recursion import Recursion
 
 
@@ -31,3 +32,20 @@ def test_it_is_the_recursion_row_by_row(states, first, rows, monkeypatch):
     size = np.max(np.abs(expected))
     np.testing.assert_allclose(y, expected, rtol=0, atol=1e-12 * size)
     np.testing.assert_allclose(last, x, rtol=0, atol=1e-12 * size)
+
+
+@pytest.mark.parametrize("shape", [(0, 5), (1, 0), (1, 1), (3, 200)])
+@pytest.mark.parametrize("imaginary", [0.0, 0.3])
+@pytest.mark.parametrize("even", [True, False])
+def test_recursions_at_once_are_those_of_a_loop(shape, imaginary, even):
+    generator = np.random.default_rng(7)
+    factor = generator.uniform(0.5, 0.999, shape) * np.exp(1j * imaginary)
+    factor = factor if imaginary else factor.real
+    factor = np.repeat(factor[:, :1], shape[1], axis=1) if even and shape[1] else factor
+    added = generator.standard_normal(shape)
+    expected = np.zeros((shape[0], shape[1] + 1), factor.dtype)
+    for k in range(shape[1]):
+        expected[:, k + 1] = factor[:, k] * expected[:, k] + added[:, k]
+    found = recursion_of(factor, added)
+    assert found.dtype == expected.dtype
+    np.testing.assert_allclose(found, expected, rtol=0, atol=1e-12)

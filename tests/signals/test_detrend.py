@@ -1,5 +1,6 @@
 import numpy as np
 import pytest
+from scipy.signal import savgol_filter
 
 from thermaltool.signals.detrend import (
     cutoff_per_sample,
@@ -31,6 +32,22 @@ def test_separation_leaves_the_noise_and_no_step(warm_up):
     # A local cubic in 33 points takes 7 % of the white variance with it.
     assert part.residual[kept].std() == pytest.approx(0.02 * np.sqrt(0.93), rel=0.05)
     np.testing.assert_allclose((part.slow + part.residual)[kept], y[kept])
+
+
+@pytest.mark.parametrize("window", [5, 7, 33])
+def test_a_cubic_is_slow_to_its_ends(window):
+    time = np.linspace(-1.0, 1.0, 101)
+    cubic = 1e6 + 3 * time - 2 * time**2 + 5 * time**3
+    np.testing.assert_allclose(separate(cubic, window).slow, cubic, rtol=0, atol=1e-8)
+    noisy = cubic + np.random.default_rng(window).standard_normal(101)
+    expected = savgol_filter(noisy, window, 3)
+    np.testing.assert_allclose(separate(noisy, window).slow, expected, rtol=0, atol=1e-7)
+
+
+@pytest.mark.parametrize("window", [1, 3, 4, 8])
+def test_a_window_that_holds_no_cubic_is_refused(window):
+    with pytest.raises(ValueError, match="odd window of 5"):
+        separate(np.arange(20.0), window)
 
 
 def test_cutoff_is_where_half_the_power_is_lost():

@@ -114,6 +114,7 @@ class DriveNonlinearity(Effect):
     @classmethod
     def probes(cls, scene: Scene) -> Iterator[Effect]:
         for drive, level in scene.levels().items():
+            # The middle one of all is a typical law: it stands for the others where none is seen.
             yield cls(drive, {"curvature": 0.1, "level": level})
             yield cls(drive, {"curvature": 0.1, "level": level, "agrees_at": level})
             # A measured temperature knows no dead band and no power: it is no command.

@@ -18,7 +18,7 @@ MAX_LAG_RECORDS = 1.0
 # By how much more is lost in a sample, at most [1].
 MAX_SAMPLE_LOSS = 1.0
 # From so many samples on a recursion in one call is faster than a loop; a stream has one at a time.
-LOOPED_SAMPLES = 50
+MIN_SAMPLES_AT_ONCE = 50
 # A jump is looked for between the means of so many readings before and after it, and at so many
 # places for each.
 JUMP_READINGS, JUMP_PLACES = (2, 8, 32), 3
@@ -60,7 +60,7 @@ def lagged(
     before = whole - now
     y = np.empty(len(time))
     y[:1] = start
-    if len(steps) >= LOOPED_SAMPLES:
+    if len(steps) >= MIN_SAMPLES_AT_ONCE:
         added = before * u[:-1] + now * u[1:]
         added[0] += decay[0] * start
         y[1:] = recursion_of(decay[None], added[None])[0, 1:]

@@ -167,8 +167,10 @@ class _StateFit:
         """Whether the output says that the machine is not at rest, or is `expected` to be so."""
         if self.state.is_seen:
             return (self.explains and self.is_over) or expected
-        # A start that is expected needs no record that tells it from a drift or a gain.
-        return self.reaches and expected and self.state.is_sampled
+        if expected:
+            # It needs no record that tells it from a drift or a gain.
+            return self.reaches and self.state.is_sampled
+        return self.state.is_seen_in_part and self.explains and self.is_over
 
     @property
     def is_determined(self) -> bool:
@@ -236,6 +238,13 @@ class _FreeState:
         return self.is_sampled and float(np.ptp(time)) >= MIN_TIME_CONSTANTS * self.slowest
 
     @cached_property
+    def is_seen_in_part(self) -> bool:
+        """Whether the rows are many and long enough for some of the modes, slower ones apart."""
+        if self.is_forecast or self.has_many_modes or not self.is_sampled:
+            return False
+        return len(self.told_modes(self.rows[:1])) > 0
+
+    @cached_property
     def has_many_modes(self) -> bool:
         """Whether the output has more modes than are fitted one by one."""
         return not mode_decays(self.model, self.output.channel, np.zeros(1))
@@ -246,10 +255,8 @@ class _FreeState:
         return free_decays(self.model, self.output.channel, elapsed, cooling)
 
     def told_modes(self, rows: NDArray[np.intp] | slice = slice(None)) -> Float:
-        """Of the modes those that are told from a zero that is free, shape (k, n)."""
+        """Of the modes those that are over within the rows that say, shape (k, n)."""
         decays = self.modes(rows)
-        if not self.is_zero_free:
-            return decays
         judged = self.modes(self.rows[-1:])[:, 0]
         return decays[np.abs(judged) <= np.exp(-MIN_TIME_CONSTANTS)]
 
@@ -275,11 +282,13 @@ class _FreeState:
         modes of the model is a start by itself.
         """
         if self.is_told_by_few:
-            return self._fit(simulated, self.modes)[0]
+            in_part = self.is_seen_in_part and not self.output.fit.get("free_start")
+            return self._fit(simulated, self.told_modes if in_part else self.modes)[0]
         found, left = self._fit(simulated, self.any_decays)
         if self.has_many_modes:
             return found
-        missed = self._fit(simulated, self.told_modes)[1]
+        # What hardly decays is not told from a zero that is free.
+        missed = self._fit(simulated, self.told_modes if self.is_zero_free else self.modes)[1]
         more = missed - left
         late, early = more[len(more) // 2 :], more[: len(more) // 4]
         is_start = float(np.std(late)) < MAX_LEFT_BY_STATE * float(np.std(early))

@@ -52,7 +52,7 @@ def recursion_of(factor: Any, added: Any) -> Any:
     Parameters
     ----------
     factor, added : ndarray, shape (m, n), real or complex
-        One recursion in each row.
+        One recursion in each row; what is not finite in one is none in those that follow.
     """
     m, n = added.shape
     found = np.zeros((m, n + 1), np.result_type(factor, added))
@@ -64,7 +64,7 @@ def recursion_of(factor: Any, added: Any) -> Any:
 
     # A triangle of two diagonals, the main one of ones: forward substitution. All recursions are
     # one triangle, for a call costs as much as a thousand rows; the last row of each passes nothing
-    # on.
+    # on that is finite.
     below = np.zeros((m, n), found.dtype)
     np.negative(factor[:, 1:], out=below[:, :-1])
     bands = np.empty((2, m * n), found.dtype, order="F")

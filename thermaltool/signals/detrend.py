@@ -100,17 +100,19 @@ def separate(values: ArrayLike, window: int) -> Separation:
     values : array_like (n,)
         Readings without NaN and outliers [unit]; n ≥ window.
     window : int
-        Odd number of samples of the local polynomial.
+        Odd number of samples of the local polynomial, 5 at least.
 
     Raises
     ------
     ValueError
-        Record shorter than the window.
+        Record shorter than the window, or no such window.
     """
+    if window < DEGREE + 2 or window % 2 == 0:
+        raise ValueError(f"a cubic needs an odd window of 5 samples at least, not {window}")
     v = np.asarray(values, dtype=float)
     if v.size < window:
         raise ValueError(f"record of {v.size} samples is shorter than the window of {window}")
-    slow = _local_cubic(v, window)
+    slow = v[0] + _local_cubic(v - v[0], window)
     residual = v - slow
     starts = np.arange(0, v.size - window + 1, window)
     time = np.arange(v.size, dtype=float)
