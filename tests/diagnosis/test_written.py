@@ -143,6 +143,10 @@ def test_zeros_that_logs_disagree_about_or_that_no_sensor_has_stay():
     assert rezeroed(model, [log(0.5), log(-0.5)], {}) == model
     # More than the outputs of the calibration spread.
     assert rezeroed(model, [log(65.0)], {}) == model
+    # A reading that repeats itself says nothing of its zero.
+    stuck = effect_class("sensor_frozen")("dT_pair1_K", {"start": 0.0}, "0.5")
+    beside = replace(model, effects=(stuck,))
+    assert rezeroed(beside, [log(0.5)], {}) == beside
 
 
 def without(path, column: str):

@@ -29,14 +29,19 @@ def test_idle_start_of_a_warm_up_tells_the_drift(drifting, warm_up):
     assert low < 0.03 < high
 
 
-def test_signal_throughout_makes_drift_an_upper_bound():
+@pytest.mark.parametrize(
+    ("size", "means"), [(0.0, "a slow drift would pass for it"), (0.1, "is an upper bound")]
+)
+def test_signal_throughout_makes_drift_an_upper_bound(drifting, size, means):
     t = 0.5 * np.arange(4000)
     y = 0.02 * np.random.default_rng(3).standard_normal(t.size) + 10.0 * np.sin(t / 150.0)
+    if size:
+        y = y + drifting(np.random.default_rng(4), t, 0.0, size, 20.0)
     estimate = estimate_noise(t, y)
     assert estimate.upper_bound
     assert estimate.separation_cutoff is not None
     assert estimate.drift.white_sigma == pytest.approx(0.02, rel=0.03)
-    assert any("upper bound" in note for note in estimate.notes)
+    assert any(note.endswith(means) for note in estimate.notes)
 
 
 def test_large_drift_is_drift_when_the_caller_says_idle(drifting):

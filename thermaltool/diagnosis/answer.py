@@ -104,6 +104,8 @@ def answer(task: DiagnosisTask, first: Hypothesis, search: SearchState) -> Diagn
     causes = [told(*each) for each in zip(search.causes, written.gains, strict=True)]
     if unknown is not None:
         causes.append(unknown)
+        # The action of the unknown tells it.
+        search = replace(search, notes=tuple(n for n in search.notes if n != changed))
     rests = None if causes or search.undecided else nothing_moves(first, budgets)
     if rests is not None:
         search = replace(search, undecided=rests)

@@ -176,10 +176,12 @@ def rezeroed(model: Model, logs: Sequence[Record], masked: Mask) -> Model:
         Outliers: rows that do not count.
     """
     simulated = SimulatedLogs(model, tuple(logs), masked)
+    # A reading that repeats itself says nothing of its zero.
+    frozen = {effect.channel for effect in model.effects if effect.name == "sensor_frozen"}
     outputs = []
     for o in model.outputs:
         groups = simulated.groups.get(o.channel)
-        if o.offset != "first" and groups is not None:
+        if o.offset != "first" and groups is not None and o.channel not in frozen:
             residual = simulated.residual(o.channel)
             own = [r[k] for r, k in zip(residual, groups.rows, strict=True) if len(k)]
             off = np.array([np.mean(each) for each in own])

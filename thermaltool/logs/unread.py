@@ -52,5 +52,5 @@ def with_cure(problem: LogError) -> LogError:
     """
     if not problem.message.startswith("not a number: '"):
         return problem
-    cure = "; check LOG -o FILE writes the log with such cells missing, for --nan-policy omit"
+    cure = "; check LOG -o FILE writes the log with such cells missing"
     return LogError(f"{problem.message}{cure}", problem.file, problem.line, problem.column)

@@ -199,7 +199,9 @@ def _noisy(
         drift = _fit_blocks(t, v, starts)
         runs, residual_time, residual = _separated(t, v, period, gap)
         cutoff = cutoff_per_sample(WINDOW) / period
-        notes.append("the signal is present throughout: the drift rate is an upper bound")
+        told = drift.time_constant is not None
+        means = "the drift rate is an upper bound" if told else "a slow drift would pass for it"
+        notes.append(f"the signal is present throughout: {means}")
     span = float(t[part][-1] - t[part][0])
     unresolved = drift.at_bound or span < MIN_TIME_CONSTANTS * (drift.time_constant or 0.0)
     if level and unresolved:
