@@ -18,6 +18,8 @@ from pathlib import Path
 
 # One core for each process: the streaming command sets the same. Before numpy loads.
 os.environ["OMP_NUM_THREADS"] = os.environ["OPENBLAS_NUM_THREADS"] = "1"
+# A user's Python keeps its bytecode.
+os.environ.pop("PYTHONDONTWRITEBYTECODE", None)
 
 import numpy as np
 from stream import Figure, published_machine
