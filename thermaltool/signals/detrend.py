@@ -124,7 +124,7 @@ def separate(values: ArrayLike, window: int) -> Separation:
 def _local_cubic(values: Array, window: int) -> Array:
     """The cubic of the window about each reading, at the ends of the first and the last window.
 
-    Own, because the import of `scipy.signal` is half of what `noise` takes for a log.
+    Own, because the import of `scipy.signal` is a third of what `noise` takes for a log.
     """
     half, (powers, fit) = window // 2, _cubic_fit(window)
     middle = np.convolve(values, fit[0][::-1], mode="valid")
