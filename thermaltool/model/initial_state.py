@@ -282,8 +282,8 @@ class _FreeState:
         modes of the model is a start by itself.
         """
         if self.is_told_by_few:
-            in_part = self.is_seen_in_part and not self.output.fit.get("free_start")
-            return self._fit(simulated, self.told_modes if in_part else self.modes)[0]
+            decays_at = self.told_modes if self.is_seen_in_part else self.modes
+            return self._fit(simulated, decays_at)[0]
         found, left = self._fit(simulated, self.any_decays)
         if self.has_many_modes:
             return found
