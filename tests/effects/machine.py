@@ -90,4 +90,5 @@ def scene(*logs):
         ),
         noise=dict.fromkeys(outputs, 0.02),
         slowest={o: RESPONSES[o].slowest() for o in outputs},
+        bodies={o: RESPONSES[o].slowest() for o in outputs},
     )  # fmt: skip

@@ -81,6 +81,7 @@ RADIATION = effect("radiation", COLUMN, rate=2e-2, rest=21.5)
 CAPACITY = effect("heat_capacity", COLUMN, rise=0.5, level=30.0)
 LATENT = effect("latent_heat", COLUMN, heat=8.0, at=35.0, width=3.0, rest=21.5)
 RADIATION_THERE = effect("radiation", PART, rate=2e-2)
+LOSS = effect("loss_change", COLUMN, factor=1.4, time_constant=600.0, slow__dT_near_K=-0.05)
 SUPPORTED = {
     "gain": (GAIN,),
     "conversion": (CONVERSION,),
@@ -107,6 +108,8 @@ SUPPORTED = {
     "radiation of a column": (RADIATION_THERE,),
     "heat capacity": (CAPACITY,),
     "latent heat": (LATENT,),
+    "loss": (LOSS,),
+    "loss, lag": (LOSS, LAG),
     "cooling, ambient, gain": (COOLING, AMBIENT, GAIN),
 }
 supported = pytest.mark.parametrize("name", SUPPORTED)

@@ -262,7 +262,8 @@ def diagnose(
     def judged(each: Data) -> Log:
         # Those of an output are found beside the model, left out and named: the cause `outliers`.
         log = read(each, found.needs(), keep_spikes=outputs, warn=remarks.append, **reading)
-        _check(log, found)
+        log, dead = _judged_by(log, found)
+        remarks.extend(f"{log.name}: {o}: {why}: it is not judged there" for o, why in dead.items())
         if len(log) < MIN_ROWS:
             few = f"{counted(len(log), 'row')}: too few to judge a model by, {MIN_ROWS} at least"
             raise LogError(few, log.name)
@@ -271,7 +272,7 @@ def diagnose(
             if suspect.channel in drives or suspect.unit in ABSOLUTE_UNITS:
                 raise LogError(unit_message(suspect), log.name)
         for output in found.outputs:
-            if output.channel not in log.columns:
+            if output.channel not in log.columns and output.channel not in dead:
                 near = hint(output.channel, log.columns)
                 remarks.append(
                     f"{log.name}: no column {output.channel}{near}: it is not judged there"
@@ -333,7 +334,7 @@ def _calibration_logs(
             continue
         try:
             log = read(name, model.needs(), keep_spikes=outputs, warn=silent, **reading)
-            _check(log, model)
+            log, _ = _judged_by(log, model)
         except LogError:  # other columns or units than the logs that are diagnosed
             continue
         if log.digest == digest:
@@ -342,8 +343,14 @@ def _calibration_logs(
     return tuple(found)
 
 
-def _check(log: Log, model: Model) -> None:
-    """Refuse a log by which the model cannot be judged."""
+def _judged_by(log: Log, model: Model) -> tuple[Log, dict[str, str]]:
+    """A log without its dead sensors, and why each has no reading.
+
+    Raises
+    ------
+    LogError
+        No row, no output of the model, or none with a reading.
+    """
     import numpy as np
 
     outputs = [output.channel for output in model.outputs]
@@ -355,11 +362,17 @@ def _check(log: Log, model: Model) -> None:
         )
     if not len(log):
         raise LogError("no rows: nothing to judge the model by", log.name)
-    for name in there:
-        if np.isnan(log.columns[name]).all():
-            fault = next((each.message for each in log.faults if each.channel == name), None)
-            why = "no values" if fault is None else f"no reading but faults: {fault}"
-            raise LogError(f"{why}; leave the column out (--columns)", log.name, None, name)
+    faults = {each.channel: each.message for each in reversed(log.faults)}
+    dead = {
+        name: f"no reading but faults: {faults[name]}" if name in faults else "no values"
+        for name in there
+        if np.isnan(log.columns[name]).all()
+    }
+    if len(dead) == len(there):
+        first = there[0]
+        raise LogError(f"{dead[first]}: nothing to judge the model by", log.name, None, first)
+    kept = {name: values for name, values in log.columns.items() if name not in dead}
+    return (replace(log, columns=kept) if dead else log), dead
 
 
 def _check_different(logs: Sequence[Log]) -> None:

@@ -68,7 +68,8 @@ def indistinguishable(
         Before the cause was accepted.
     chosen : CauseCandidate
     rivals : sequence of CauseCandidate
-        Fitted under the same hypothesis; the accepted one may be among them.
+        Fitted under the same hypothesis; the accepted one may be among them. One that has the
+        model's own parameters free where the accepted one does not is none.
     named : sequence of Effect
         All that is accepted in the end.
     limits : ExperimentLimits
@@ -88,6 +89,9 @@ def indistinguishable(
     for rival in sorted(rivals, key=lambda c: -c.evidence_of_logs):
         known = [chosen.effect, *(effect for _, effect in close)]
         if rival.evidence_of_logs <= 0 or any(_same(rival.effect, effect) for effect in known):
+            continue
+        # Beside a model that is free to change anything looks strong.
+        if "released" in rival.assumptions - chosen.assumptions:
             continue
         behind = chosen.evidence_of_logs - rival.evidence_of_logs
         signatures = [caused, *simulation.span(rival.effect).values()]

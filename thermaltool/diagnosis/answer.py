@@ -11,6 +11,7 @@ from thermaltool.diagnosis.action import action_of
 from thermaltool.diagnosis.alternatives import indistinguishable, suspected
 from thermaltool.diagnosis.assumptions import STARTS
 from thermaltool.diagnosis.correction import corrected
+from thermaltool.diagnosis.evidence import DECISIVE_EVIDENCE
 from thermaltool.diagnosis.gain import Gain
 from thermaltool.diagnosis.hypothesis import Hypothesis
 from thermaltool.diagnosis.lasting import Recurrence, may_recur, recurrences
@@ -42,7 +43,7 @@ from thermaltool.diagnosis.verdict import (
 )
 from thermaltool.diagnosis.written import account, explained
 from thermaltool.effects.effect import Effect
-from thermaltool.model import Model
+from thermaltool.model import Model, with_acting_terms
 from thermaltool.units import parse_channel, printed
 
 
@@ -88,6 +89,8 @@ def answer(task: DiagnosisTask, first: Hypothesis, search: SearchState) -> Diagn
     elif HAS_CHANGED in search.notes:
         search = with_own_change(task, search, budgets, noise)
     changed = next((note for note in search.notes if note.startswith(HAS_CHANGED)), None)
+    if any(effect.responds for effect in effects):  # what has changed is named
+        search = replace(search, notes=tuple(n for n in search.notes if n != changed))
     unknown = None
     if not search.undecided:
         unknown = unknown_cause(left, budgets, after, ended, bool(search.causes))
@@ -120,11 +123,18 @@ def answer(task: DiagnosisTask, first: Hypothesis, search: SearchState) -> Diagn
             return severity_of_outliers(extended, full.logs, masked)
         return severity_of(extended, cause.effect, full.logs)
 
+    resting = _resting(first)
     begins = {log.digest: float(log.time[0]) for log in full.logs}
 
     def action(cause: Cause, moved: Mapping[str, Severity]) -> str:
         if cause is unknown and changed is not None:
             return changed
+        if cause is unknown and len(resting) == len(task.model.drives):
+            return (
+                f"{' and '.join(resting)} never {'acts' if len(resting) == 1 else 'act'} in these "
+                f"logs, and yet {cause.effect.channel} moves: log what the machine did, or look "
+                "for a source of heat that has no channel"
+            )
         begun = begins.get(cause.effect.log or "", 0.0)
         return action_of(cause.effect, moved, noise, cause.location, begun)
 
@@ -143,8 +153,8 @@ def answer(task: DiagnosisTask, first: Hypothesis, search: SearchState) -> Diagn
         *_changes(task.model, effects),
         *written.notes,
         *_averaged(task),
-        *_between(first),
-        *_resting(first),
+        *(_between(ended) if unknown is None else ()),
+        *(f"{d} never acts in these logs: they say nothing of what it does" for d in resting),
         *_beginning(plain),
         *_off_as_well(task, causes[: len(effects)]),
     ):
@@ -168,7 +178,7 @@ def answer(task: DiagnosisTask, first: Hypothesis, search: SearchState) -> Diagn
         (*alternatives, *search.unseen),
         search.tried,
         tuple(dict.fromkeys(search.notes)),
-        extended,
+        with_acting_terms(extended),
         extended != full.model,
         written.steps,
         written.spoiled,
@@ -195,9 +205,10 @@ def _averaged(task: DiagnosisTask) -> Iterator[str]:
             )
 
 
-def _between(first: Hypothesis) -> Iterator[str]:
-    """A sentence on drives that switch between the rows of the logs."""
-    if "instants" in first.assumptions:
+def _between(ended: Hypothesis) -> Iterator[str]:
+    """A sentence on drives that switch between the rows of logs that are else explained."""
+    at_rows = ended.assumptions - {"instants"}
+    if at_rows != ended.assumptions and -ended.evidence_of(at_rows) > DECISIVE_EVIDENCE:
         yield (
             "the drives switch between the rows of these logs: when, within a row, is fitted "
             "beside each cause"
@@ -215,11 +226,13 @@ def _beginning(plain: Hypothesis) -> Iterator[str]:
         )
 
 
-def _resting(first: Hypothesis) -> Iterator[str]:
-    """A sentence on each drive that acts in no log."""
-    for drive in first.model.drives:
-        if not any(np.any(acting[drive.channel]) for acting in first.simulation.inputs):
-            yield f"{drive.channel} never acts in these logs: they say nothing of what it does"
+def _resting(first: Hypothesis) -> list[str]:
+    """The drives that act in no log."""
+    return [
+        drive.channel
+        for drive in first.model.drives
+        if not any(np.any(acting[drive.channel]) for acting in first.simulation.inputs)
+    ]
 
 
 def _elsewhere(

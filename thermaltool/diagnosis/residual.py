@@ -16,6 +16,7 @@ from thermaltool.diagnosis.coloured import ColouredTests, Dependence
 from thermaltool.diagnosis.residual_parts import ResidualParts
 from thermaltool.effects.effect import Float
 from thermaltool.errors import FitError
+from thermaltool.signals.start_level import start_level
 
 # Fewer rows say nothing.
 MIN_ROWS = 16
@@ -139,8 +140,8 @@ class ResidualReport:
     worst : WorstInterval or None
     bands : tuple of PeriodBand, the slowest first
     conditions : tuple of Condition
-        As `worst`, of the residual about the level that it keeps longest in its record: the zero of
-        a log is arbitrary, and where a model is wrong for a while it is right for the rest.
+        As `worst`, of the residual about where the model is right: the level of the first rows, or
+        in a log that begins warm the one that its record keeps longest.
     dependences : tuple of Dependence, the strongest first
     log : str
         Digest; empty for rows of none.
@@ -174,6 +175,7 @@ def residual_report(
     others: Mapping[str, Float],
     white_sigma: float,
     hidden: float = 0.0,
+    warm: bool = False,
 ) -> ResidualReport:
     """Describe and test the residual of one output.
 
@@ -190,6 +192,9 @@ def residual_report(
     hidden : float
         Noise of a reading that rows do not show, being averages; `rms`, `spread` and shares of the
         power are those of readings.
+    warm : bool
+        Whether the first rows tell no zero: the machine is on its way there, and the state from
+        which it comes is an estimate.
 
     Returns
     -------
@@ -210,7 +215,11 @@ def residual_report(
     about = np.concatenate([residual[r] - np.mean(residual[r]) for r in records])
     power = float(np.mean(about**2)) + hidden**2
     row_white = float(np.sqrt(max(white_sigma**2 - hidden**2, 0.0))) if hidden else white_sigma
-    zeroed = np.concatenate([residual[r] - _level(residual[r], row_white) for r in records])
+    levels = [
+        _usual_level(residual[r], row_white) if warm else start_level(residual[r]).value
+        for r in records
+    ]
+    zeroed = np.concatenate([residual[r] - at for r, at in zip(records, levels, strict=True)])
     tests = ColouredTests(time, about, records)
     dependences = [tests.dependence(name, values) for name, values in channels.items()]
     time_constant = tests.tau if tests.discrepancy else None
@@ -234,8 +243,8 @@ def residual_report(
     )
 
 
-def _level(residual: Float, white: float) -> float:
-    """Where a model is right: about the median, unless far more rows agree on another level."""
+def _usual_level(residual: Float, white: float) -> float:
+    """The level that most rows agree on: the median, unless far more do so on another one."""
     ordered = np.sort(residual)
     middle = float(np.median(ordered))
     ends = np.searchsorted(ordered, ordered + 2 * AGREES * white, "right")

@@ -293,6 +293,7 @@ def _report_of(
     """An output's residual in one log."""
     output, k = at
     log = hypothesis.logs[k]
+    warm = bool(np.any(left.starts[k]))
     report = residual_report(
         log.elapsed,
         left.plain[k],
@@ -301,9 +302,10 @@ def _report_of(
         {c: v for c, v in log.columns.items() if c in hypothesis.scene.extra},
         white,
         hidden_in(log, output),
+        warm,
     )
     report = replace(report, log=log.digest)
-    return replace(report, rms=None, mean=None) if np.any(left.starts[k]) else report
+    return replace(report, rms=None, mean=None) if warm else report
 
 
 def weigh_residuals(

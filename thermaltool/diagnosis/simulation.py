@@ -21,8 +21,10 @@ from thermaltool.model import (
     read_outputs,
     started_outputs,
     sum_terms,
+    with_acting_terms,
     zero_of,
 )
+from thermaltool.model.decays import slow_bodies
 from thermaltool.model.simulate import acting_effects, dead_times
 from thermaltool.model.span import spans
 from thermaltool.record import Record
@@ -152,7 +154,7 @@ class SimulatedLogs:
     def started(self) -> list[dict[str, StartedOutput]]:
         """Measured outputs of each log as `simulate` runs them, in the state in which it begins."""
         return [
-            started_outputs(self.model, log, outputs)
+            started_outputs(with_acting_terms(self.model), log, outputs)
             for log, outputs in zip(self.logs, self.outputs, strict=True)
         ]
 
@@ -352,11 +354,8 @@ class SimulatedLogs:
         known = {d.channel for d in self.model.drives} | {o.channel for o in self.model.outputs}
         used = {c for e in self.model.effects for c in e.needs()}
         beside = [c for c in self.logs[0].columns if c not in known | used]
-        answered = {
-            (term.drive, term.output)
-            for term in self.model.terms
-            if not isinstance(term.response, LagBank)
-        }
+        own = [t for t in self.model.terms if not isinstance(t.response, LagBank)]
+        answered = {(term.drive, term.output) for term in own}
         unanswered = {
             d.channel: tuple(o for o in self.groups if (d.channel, o) not in answered)
             for d in self.model.drives
@@ -376,6 +375,7 @@ class SimulatedLogs:
             ),
             noise=noise,
             slowest={o: self.slowest(o) for o in self.groups},
+            bodies=slow_bodies(own, self.groups, self.model.sample_period),
         )
 
 

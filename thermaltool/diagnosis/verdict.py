@@ -227,5 +227,5 @@ def _location(log: Record, output: str, report: ResidualReport) -> Location:
         name,
         None if band is None else band.shortest,
         None if band is None else band.longest,
-        report.spread,
+        report.spread if report.rms is None else report.rms,
     )

@@ -35,6 +35,7 @@ CATALOGUE: dict[str, str] = {
     "sensors_swapped": "SensorsSwapped",
     "convection_state": "ConvectionState",
     "switching_loss": "SwitchingLoss",
+    "loss_change": "LossChange",
     "radiation": "Radiation",
     "heat_capacity": "HeatCapacity",
     "conductivity": "Conductivity",

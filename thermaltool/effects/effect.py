@@ -1,8 +1,8 @@
 """What every physical cause has in common: parameters, the physics, and trial sizes.
 
 An effect acts at one place of the model: on a drive before its terms (`Effect.drive`), on the
-rate at which heat is lost (`Effect.loss`) or at which everything goes (`Effect.pace`), or on
-outputs (`Effect.output`, `Effect.reading` for one). All are the identity unless a cause says so:
+rate at which heat is lost (`Effect.loss`) or at which everything goes (`Effect.pace`), on the
+responses for good (`Effect.response`), or on outputs (`Effect.output`, `Effect.reading` for one). All are the identity unless a cause says so:
 it is one file that overrides what it changes, lists its parameters, and says in `probes` at which
 places and sizes it is worth a trial. A causal one takes a record whole or, with `Memory`, by rows.
 """
@@ -19,6 +19,7 @@ from numpy.typing import NDArray
 from thermaltool.effects.scene import Scene
 from thermaltool.errors import ModelError
 from thermaltool.record import Record
+from thermaltool.responses import Response
 from thermaltool.units import parse_channel
 
 Float = NDArray[np.float64]
@@ -169,6 +170,17 @@ class Effect:
         """
         return None
 
+    def response(self, response: Response, drive: str, output: str) -> Response:
+        """What answers in place of a response of the model.
+
+        Parameters
+        ----------
+        response : Response
+        drive, output : str
+            Of which and in which it is.
+        """
+        return response
+
     def output(self, name: str, outputs: Outputs, record: Record, memory: Memory = None) -> Float:
         """What is read in place of ``outputs[name]``, relative to rest: `reading` at `channel`.
 
@@ -257,6 +269,17 @@ class Effect:
     def everywhere(self) -> bool:
         """Whether it is no cause unless it reaches more than one output."""
         return False
+
+    @property
+    def responds(self) -> bool:
+        """Whether responses of the model are others for good."""
+        return type(self).response is not Effect.response
+
+    @property
+    def varies(self) -> bool:
+        """Whether the rates at which the machine goes change along a log."""
+        own = type(self)
+        return own.loss is not Effect.loss or own.pace is not Effect.pace
 
     @property
     def joins(self) -> bool:

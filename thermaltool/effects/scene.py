@@ -34,6 +34,8 @@ class Scene:
         White noise of a reading.
     slowest : mapping of output to float
         Slowest time constant [s].
+    bodies : mapping of output to float
+        The slowest time constant that matters of the response to heat, where there is one [s].
     """
 
     logs: tuple[Record, ...]
@@ -47,6 +49,7 @@ class Scene:
     residual: tuple[Mapping[str, Float], ...]
     noise: Mapping[str, float]
     slowest: Mapping[str, float]
+    bodies: Mapping[str, float]
 
     @property
     def period(self) -> float:

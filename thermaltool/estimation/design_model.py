@@ -30,7 +30,7 @@ from thermaltool.estimation.permanent_effects import (
     spreading_joints,
 )
 from thermaltool.estimation.variable_cooling import check_cooling_supported, cooling_effects
-from thermaltool.model import Model, Term
+from thermaltool.model import Model, Term, with_acting_terms
 from thermaltool.responses.delay import DelayedModes
 from thermaltool.responses.modes import Float, Modes
 from thermaltool.responses.parallel import InputPath
@@ -181,6 +181,7 @@ class DesignModel:
             Neither a deflection nor a sensor in the model, a drive that no sensor sees, the noise
             of a sensor not given or zero, or an effect that no estimator can follow.
         """
+        model = with_acting_terms(model)
         every = [d.channel for d in model.drives]
         for name in measured:
             if name not in every:

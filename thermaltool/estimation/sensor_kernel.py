@@ -19,7 +19,7 @@ from thermaltool.estimation.permanent_effects import (
     sensor_time_constants,
 )
 from thermaltool.estimation.variable_cooling import cooling_effects
-from thermaltool.model import Model, Term
+from thermaltool.model import Model, Term, with_acting_terms
 from thermaltool.responses.delay import DelayedModes
 from thermaltool.responses.modes import Complex, Float
 
@@ -94,6 +94,7 @@ def sensor_kernel(
     FitError
         The inverse is unstable.
     """
+    model = with_acting_terms(model)
     chosen = _sensor(model, sensor)
     read = model.design.get("known", {}).get("columns", ()) if model.design else ()
     measured = {known["channel"] for known in read}

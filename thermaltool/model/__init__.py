@@ -39,6 +39,7 @@ from thermaltool.model.simulate import (
     state_rates,
     sum_terms,
     term_input,
+    with_acting_terms,
 )
 from thermaltool.model.step import ModelRecursion
 from thermaltool.model.validity import (
@@ -94,6 +95,7 @@ __all__ = [
     "sum_terms",
     "term_input",
     "to_document",
+    "with_acting_terms",
     "with_known_spread",
     "zero_beside",
     "zero_of",

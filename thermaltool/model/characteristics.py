@@ -15,6 +15,7 @@ from thermaltool.effects.convection_state import ConvectionState
 from thermaltool.errors import ModelError
 from thermaltool.model.document import Model, Term
 from thermaltool.responses import Response
+from thermaltool.responses.losing import LosingHeat
 from thermaltool.signals.intervals import Estimate, log_normal_estimate, normal_estimate
 from thermaltool.units import parse_channel, per, printed
 
@@ -268,12 +269,20 @@ def _slowest_first(found: Iterator[Estimate]) -> tuple[Estimate, ...]:
 
 def _time_constants(response: Any) -> Iterator[Callable[[Any], float]]:
     """What gives each time constant of a response."""
-    if response.kind.startswith(("rational", "oscillation")):
+    if isinstance(response, LosingHeat):
+        for of in _time_constants(response.before_loss):
+            yield partial(_since_change, of)
+    elif response.kind.startswith(("rational", "oscillation")):
         yield from (attrgetter(name) for name in response.searched if name.startswith("tau"))
     elif response.kind.endswith("deflection"):
         yield from (partial(_inverse, name) for name in response.searched)
     else:
         yield lambda each: float(each.slowest())
+
+
+def _since_change(of: Callable[[Any], float], response: LosingHeat) -> float:
+    """What a time constant has become where heat has come to be lost otherwise [s]."""
+    return response.changed(of(response.before_loss))
 
 
 def _oscillations(term: Term) -> Iterator[OscillatoryMode]:

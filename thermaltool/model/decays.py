@@ -2,20 +2,24 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterable, Sequence
 from typing import TYPE_CHECKING
 
 import numpy as np
 
 from thermaltool.responses.modes import Float
+from thermaltool.units import is_absolute
 
 if TYPE_CHECKING:
-    from thermaltool.model.document import Model
+    from thermaltool.model.document import Model, Term
 
 # Modes of an output above which it is taken to come from other levels of its drives, at which it
 # had settled: a state of many modes is not told by a few rows.
 MAX_FREE_MODES = 8
 # Poles that differ by less than this part are one.
 SAME_POLE = 1e-6
+# Slower lags that pass on less than this part of all gains do not matter.
+MATTERS = 0.1
 # Time constants of an unknown start, relative to the output's slowest: so near each other that
 # their sum follows any decay to a hundredth of its height, also one slower than the model's. The
 # last ones only where the clock shows them.
@@ -85,3 +89,33 @@ def mode_decays(model: Model, channel: str, elapsed: Float) -> list[Float]:
                 if len(columns) > MAX_FREE_MODES:
                     return []
     return columns
+
+
+def slow_bodies(terms: Sequence[Term], outputs: Iterable[str], period: float) -> dict[str, float]:
+    """The slowest time constant that matters of outputs that heat moves [s].
+
+    Slower lags that pass on little between them are what a fit has left over.
+
+    Parameters
+    ----------
+    terms : sequence of Term
+        Those of a drive that is no temperature count.
+    outputs : iterable of str
+    period : float [s]
+        Of the samples.
+    """
+    wanted = set(outputs)
+
+    def slowest(term: Term) -> float:
+        modes = term.response.modes(period)
+        rates = -modes.poles.real
+        order = np.argsort(rates)
+        gains = np.abs(modes.weights)[order] / rates[order]
+        enough = np.cumsum(gains) >= MATTERS * np.sum(gains)
+        return float(1.0 / rates[order][np.argmax(enough)])
+
+    found: dict[str, float] = {}
+    for term in terms:
+        if term.output in wanted and not is_absolute(term.drive):
+            found[term.output] = max(slowest(term), found.get(term.output, 0.0))
+    return found

@@ -354,7 +354,7 @@ class _FreeState:
 def _course(model: Model, record: Record) -> Course:
     """The course of the state, its clock from 0 at the first row."""
     effects = acting_effects(model, record.digest)
-    states = [e for e in effects if e.side == "state"]
+    states = [e for e in effects if e.varies]
     if not states:
         return Course(record.elapsed, np.zeros(len(record)))
     course = Course.of(states, record, sum_terms(model, effects, record))

@@ -7,7 +7,7 @@ effects and the same responses as row by row.
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import lru_cache
 from typing import TYPE_CHECKING, Any
 
@@ -95,6 +95,36 @@ def acting_drives(model: Model, effects: Sequence[Effect], record: Record) -> di
     return result
 
 
+def acting_terms(model: Model, effects: Sequence[Effect]) -> tuple[Term, ...]:
+    """The terms with the responses that act in place of their own.
+
+    Parameters
+    ----------
+    model : Model
+    effects : sequence of Effect
+        Those that act.
+    """
+    terms = model.terms
+    for effect in effects:
+        if effect.responds:
+            terms = tuple(
+                replace(t, response=effect.response(t.response, t.drive, t.output)) for t in terms
+            )
+    return terms
+
+
+def with_acting_terms(model: Model) -> Model:
+    """A model whose terms are those that act in every record, instead of effects on them.
+
+    Parameters
+    ----------
+    model : Model
+    """
+    lasting = [e for e in acting_effects(model) if e.responds]
+    rest = tuple(e for e in model.effects if e not in lasting)
+    return replace(model, terms=acting_terms(model, lasting), effects=rest) if lasting else model
+
+
 def dead_times(model: Model, effects: Sequence[Effect]) -> dict[str, float]:
     """Time by which every drive acts later than it is logged [s].
 
@@ -160,8 +190,9 @@ def sum_terms(
     inputs = acting_drives(model, effects, record)
     holds = {d.channel: d.hold for d in model.drives}
     late = dead_times(model, effects)
-    acting = [term_input(model, term, inputs, record) for term in model.terms]
-    states = [e for e in effects if e.side == "state"]
+    terms = acting_terms(model, effects)
+    acting = [term_input(model, term, inputs, record) for term in terms]
+    states = [e for e in effects if e.varies]
 
     moves = any(drive.rest is not None for drive in model.drives)
     shifts = rest_shifts(model, drive_rests(model, record)) if moves else {}
@@ -170,7 +201,7 @@ def sum_terms(
         outputs = {
             o.channel: np.full(len(record.time), shifts.get(o.channel, 0.0)) for o in model.outputs
         }
-        for term, u in zip(model.terms, acting, strict=True):
+        for term, u in zip(terms, acting, strict=True):
             outputs[term.output] += simulate_response(
                 term.response, record.time, u, holds[term.drive], course, late[term.drive]
             )

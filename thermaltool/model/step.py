@@ -15,7 +15,7 @@ import numpy as np
 from thermaltool.effects.effect import SIDES, STILL, Effect
 from thermaltool.errors import ModelError
 from thermaltool.model.rest import rest_shifts
-from thermaltool.model.simulate import acting_effects, dead_times, state_rates
+from thermaltool.model.simulate import acting_effects, acting_terms, dead_times, state_rates
 from thermaltool.record import Record
 from thermaltool.responses.modes import Float
 from thermaltool.responses.sample_clock import CLOCK_STEP
@@ -76,7 +76,7 @@ class ModelRecursion:
             if not (effect.causal or effect.memoryless):
                 raise ModelError(f"the effect {effect.name} takes whole records, not rows")
         wanted = [o.channel for o in model.outputs] if outputs is None else list(outputs)
-        self.terms = tuple(t for t in model.terms if t.output in wanted)
+        self.terms = tuple(t for t in acting_terms(model, effects) if t.output in wanted)
         holds = {d.channel: d.hold for d in model.drives}
         late = dead_times(model, effects)
         for drive, time in late.items():
@@ -99,7 +99,7 @@ class ModelRecursion:
         self._drives: list[tuple[str, list[EffectMemory]]] = [
             (c, [(e, {}) for e in effects if (e.side, e.channel) == ("drive", c)]) for c in drives
         ]
-        self._states: list[EffectMemory] = [(e, {}) for e in effects if e.side == "state"]
+        self._states: list[EffectMemory] = [(e, {}) for e in effects if e.varies]
         self._readings: list[tuple[Effect, dict[str, dict[str, Any]]]] = [
             (e, {name: {} for name in wanted})
             for e in sorted(effects, key=lambda e: SIDES.index(e.side))

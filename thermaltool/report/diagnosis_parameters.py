@@ -26,7 +26,8 @@ LAGS = ("fast", "middle", "slow")
 def parameter_sentence(document: Document, cause: Document) -> str:
     """``gain[d_z_um] 0.6 (0.59 to 0.63) µm/°C, time_constant 840 (800 to 880) s``
 
-    Of a loss of heat at one place what it does to each output in the long run, and how soon.
+    Of a loss of heat at one place what it does to each output in the long run, and how soon; of a
+    changed one how many times as fast.
 
     Parameters
     ----------
@@ -39,6 +40,8 @@ def parameter_sentence(document: Document, cause: Document) -> str:
     outputs = _outputs(parameters, moved_first(document, cause))
     if any(name.startswith("middle[") for name in parameters):
         return _loss(cause, parameters, outputs)
+    if cause["name"] == "loss_change":
+        return _changed(parameters)
     told = outputs[:MAX_OUTPUTS]
     names = [n for output in told for n in parameters if _output(n) == output]
     names += [name for name in parameters if _output(name) is None]
@@ -46,6 +49,15 @@ def parameter_sentence(document: Document, cause: Document) -> str:
     if outputs[MAX_OUTPUTS:]:
         values.append(f"less of {', '.join(outputs[MAX_OUTPUTS:])} (below)")
     return ", ".join(values)
+
+
+def _changed(parameters: Mapping[str, Document]) -> str:
+    """How fast heat is lost now; by what modes mix besides is below."""
+    factor, before = parameters["factor"], parameters["time_constant"]["value"]
+    value, *ends = estimated(factor["value"], factor["interval"])
+    times = f"{value} ({' to '.join(ends)})" if ends else value
+    after = before / factor["value"]
+    return f"{times} times as fast, a time constant of {duration(before)} is {duration(after)} now"
 
 
 def _loss(cause: Document, parameters: Mapping[str, Document], outputs: Sequence[str]) -> str:

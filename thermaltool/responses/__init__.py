@@ -90,6 +90,10 @@ def response_class(kind: str) -> Any:
         found = rational_by_name(kind)
         if found is not None:
             return found
+        if kind.endswith("_loss"):
+            from thermaltool.responses.losing import losing_kind
+
+            return losing_kind(response_class(kind.removesuffix("_loss")))
         raise ModelError(f"unknown response {kind!r}; known: {', '.join(KINDS)}")
     module, _, name = KINDS[kind].partition(":")
     return getattr(importlib.import_module(module), name)

@@ -1,0 +1,70 @@
+"""Heat that is lost faster or slower for good: a fin that shares no code with the models."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from thermaltool.diagnosis.diagnose import diagnose
+from thermaltool.fitting.calibrate import calibrate
+from thermaltool.fitting.calibration_plan import CalibrationPlan
+from thermaltool.model import Model
+from thermaltool.record import Record
+
+HEAT, NEAR, FAR = "P_heater_W", "T_near_degC", "T_far_degC"
+PERIOD, ROWS, CELLS = 10.0, 900, 24
+# Of a fin of aluminium: conduction between cells over the capacity of one, and the film [1/s].
+EXCHANGE, FILM, WATT = 0.05, 1e-3, 2e-3
+
+
+def fin(seed: int, loss: float = 1.0, power: float = 1.0, noise: float = 0.01) -> Record:
+    """Heated at one end in steps, in still air along all of it; read near the heater and far."""
+    generator = np.random.default_rng(seed)
+    heat = np.repeat(generator.choice([0.0, 10.0, 25.0, 40.0], 18), ROWS // 18)
+    rates = np.zeros((CELLS, CELLS))
+    for k in range(CELLS - 1):
+        rates[k : k + 2, k : k + 2] += EXCHANGE * np.array([[-1.0, 1.0], [1.0, -1.0]])
+    rates -= loss * FILM * np.eye(CELLS)
+    # Implicit: each row by its own power, in ten steps.
+    step = np.linalg.inv(np.eye(CELLS) - PERIOD / 10 * rates)
+    state, rows = np.zeros(CELLS), []
+    for watts in heat:
+        rows.append(state)
+        for _ in range(10):
+            state = step @ (state + PERIOD / 10 * WATT * power * watts * (np.arange(CELLS) == 0))
+    read = 20.0 + np.array(rows)[:, [1, -2]] + noise * generator.standard_normal((ROWS, 2))
+    columns = {HEAT: heat, NEAR: read[:, 0], FAR: read[:, 1]}
+    return Record(PERIOD * np.arange(ROWS), columns, name=f"{seed}.csv", digest=f"{seed}")
+
+
+@pytest.fixture(scope="module")
+def model() -> Model:
+    kinds = dict.fromkeys((NEAR, FAR), "rational3")
+    return calibrate([fin(1), fin(2)], CalibrationPlan((HEAT,), (NEAR, FAR), kinds=kinds))
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("loss", [1.5, 0.7])
+def test_another_loss_of_heat_is_named_with_its_factor(model: Model, loss: float) -> None:
+    found = diagnose(model, [fin(3, loss)])
+    assert [cause.effect.name for cause in found.causes] == ["loss_change"]
+    (cause,) = found.causes
+    assert cause.effect.parameters["factor"] == pytest.approx(loss, rel=0.05)
+    assert "times as fast" in cause.action
+    # What it is good for: another log of the changed machine.
+    later = fin(4, loss, noise=0.0)
+    for output in (NEAR, FAR):
+        left = [
+            np.std(later.columns[output] - each.simulate(later)[output])
+            for each in (model, found.model)
+        ]
+        assert left[1] < 0.1 * left[0]
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize(("power", "named"), [(1.0, []), (0.8, ["drive_gain"])])
+def test_no_other_loss_is_told_of_a_sound_or_a_weaker_machine(
+    model: Model, power: float, named: list[str]
+) -> None:
+    found = diagnose(model, [fin(5, power=power)])
+    assert [cause.effect.name for cause in found.causes] == named

@@ -1,0 +1,71 @@
+"""Loss of heat that has changed for good since the calibration: fan, filter, covers, coolant."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from typing import ClassVar
+
+from thermaltool.effects.effect import Effect, Parameter, Side
+from thermaltool.effects.scene import Scene
+from thermaltool.responses import Response
+from thermaltool.responses.losing import losing
+from thermaltool.units import is_absolute
+
+# Factors that are worth a trial.
+TRIALS = (0.6, 0.8, 1.3, 2.0)
+# By which modes of an output come to weigh more.
+SHARES = ("slow", "fast")
+
+
+class LossChange(Effect):
+    """Heat is lost `factor` times as fast as at the calibration, at all times.
+
+    Modes decay faster by one rate, by which `time_constant`, the slowest one that matters, becomes
+    that part of itself; where bodies lose heat by other rates than they store it slow modes come
+    to weigh `slow[output]` more, and fast ones `fast[output]`. See `thermaltool.responses.losing.LosingHeat`.
+    """
+
+    name: ClassVar[str] = "loss_change"
+    side: ClassVar[Side] = "state"
+    defect: ClassVar[bool] = True
+    explanation: ClassVar[str] = (
+        "the machine loses heat at another rate than at the calibration: a filter has clogged, a "
+        "fan has failed, a cover is open, the coolant flows otherwise"
+    )
+    action: ClassVar[str] = (
+        "look at what cools the machine (fans, filters, covers, coolant): heat is lost {factor} "
+        "times as fast as at the calibration, by which {output} is off by up to {moves}; mend it, or "
+        "calibrate again"
+    )
+    signature: ClassVar[str] = (
+        "all outputs reach less, and sooner, or more, and later, by one and the same rate"
+    )
+    source: ClassVar[str] = "Incropera & DeWitt, ch. 5 (lumped capacitance); Mize 1998 (coolant)"
+    causal: ClassVar[bool] = True
+    known: ClassVar = {
+        "factor": Parameter("1", neutral=1.0, low=0.1, high=10.0, log=True),
+        "time_constant": Parameter("s", fixed=True),
+        "slow": Parameter("1", low=-0.5, high=0.5),
+        "fast": Parameter("1", low=-0.5, high=0.5),
+    }
+
+    def response(self, response: Response, drive: str, output: str) -> Response:
+        own = self.parameters
+        slow, fast = (own.get(f"{name}[{output}]", 0.0) for name in SHARES)
+        shares = slow, fast
+        return losing(response, own["factor"], own["time_constant"], shares, is_absolute(drive))
+
+    @property
+    def everywhere(self) -> bool:
+        return True
+
+    @classmethod
+    def probes(cls, scene: Scene) -> Iterator[Effect]:
+        if not scene.bodies:
+            return
+        place = max(scene.bodies, key=lambda output: scene.bodies[output])
+        shares = dict.fromkeys([f"{name}[{o}]" for o in scene.bodies for name in SHARES], 0.0)
+        for log in scene.within_one():
+            for factor in TRIALS:
+                own = {"factor": factor, "time_constant": scene.bodies[place], **shares}
+                yield cls(place, own, log)
