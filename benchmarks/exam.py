@@ -1,14 +1,14 @@
 """Machines that the tool was not made for, known and unknown trouble in them: what does it say?
 
     python benchmarks/exam.py [--logs 36] [--plants rod ...] [--sizes 2 5 15] [--seed N]
-        [--json FILE] [--keep FOLDER] [--only N ...] [--no-validate]
+        [--kinds loss_change ...] [--json FILE] [--keep FOLDER] [--only N ...] [--no-validate]
 
 Thirteen kinds of machine (tests/machines/foreign) in numpy alone. Each is calibrated with the
 default options of `calibrate`; its later logs have one thing wrong that is built into the machine,
 of a kind that the catalogue has or has not, or nothing. `diagnose --validate -o` is asked, and what
 it writes is run by `simulate` on the diagnosed, the validation and the calibration log. Seeds are
 drawn fresh and printed; ``--seed`` repeats a run, ``--only`` some logs of it, ``--keep`` leaves
-their files. Prints Markdown tables. With ``--must`` it exits with 3 where a requirement is missed.
+their files. With ``--kinds`` every log has one of these causes, in turn. Prints Markdown tables. With ``--must`` it exits with 3 where a requirement is missed.
 """
 
 from __future__ import annotations
@@ -32,7 +32,7 @@ from exam_machine import PLANTS, score_machine
 from exam_scoring import Score, Trial
 from exam_tables import requirements, tables
 from hidden_effects import in_turn
-from machines.foreign.faults import CATALOGUE, NATURAL
+from machines.foreign.faults import CATALOGUE, NATURAL, SINCE
 from machines.foreign.strangers import MAY_BE_KNOWN, NEVER_KNOWN
 
 from thermaltool.documents import jsonable
@@ -54,15 +54,21 @@ NOT_FOR = {
 }
 
 
-def draw(logs: int, plants: Sequence[str], sizes: Sequence[float], seed: int) -> list[Trial]:
-    """All trials of a run: `logs` of each plant, kinds in turn."""
+def draw(
+    logs: int,
+    plants: Sequence[str],
+    sizes: Sequence[float],
+    seed: int,
+    kinds: Sequence[str] = (),
+) -> list[Trial]:
+    """All trials of a run: `logs` of each plant, kinds in turn; only some where they are given."""
     trials: list[Trial] = []
     # A plant's logs are the same whichever others are asked for.
     for name, source in zip(PLANTS, np.random.SeedSequence(seed).spawn(len(PLANTS)), strict=True):
         if name not in plants:
             continue
         generator = np.random.default_rng(source)
-        plan = [each for each in _plan(name, logs, generator) if _wanted(each, sizes)]
+        plan = [each for each in _plan(name, logs, generator, kinds) if _wanted(each, sizes)]
         machines = generator.integers(2**31, size=-(-len(plan) // PER_MACHINE)).tolist()
         for k, (group, kind, size) in enumerate(plan):
             machine, log = machines[k // PER_MACHINE], int(generator.integers(2**31))
@@ -75,14 +81,17 @@ def _wanted(plan: tuple[str, str, float], sizes: Sequence[float]) -> bool:
 
 
 def _plan(
-    plant: str, logs: int, generator: np.random.Generator
+    plant: str, logs: int, generator: np.random.Generator, kinds: Sequence[str]
 ) -> Iterator[tuple[str, str, float]]:
     """Group, kind and size of the logs of a plant, shuffled."""
-    apply = [kind for kind in CATALOGUE if plant not in NOT_FOR.get(kind, ())]
+    apply = [kind for kind in kinds or CATALOGUE if plant not in NOT_FOR.get(kind, ())]
     strangers = in_turn(generator, [*MAY_BE_KNOWN, *NEVER_KNOWN])
     known, natural = in_turn(generator, apply), in_turn(generator, list(NATURAL))
     plan: list[tuple[str, str, float]] = []
-    for group, share in SHARES.items():
+    shares = {size: share for size, share in SHARES.items() if isinstance(size, float)}
+    whole = sum(shares.values())
+    asked = {size: share / whole for size, share in shares.items()} if kinds else SHARES
+    for group, share in asked.items():
         for k in range(max(1, round(share * logs))):
             if group == "clean":
                 plan.append(("clean", "", 0.0))
@@ -129,6 +138,7 @@ def main() -> int:
     parser.add_argument("--logs", type=int, default=LOGS, metavar="N",
                         help="of each plant (36: 455 in all)")  # fmt: skip
     parser.add_argument("--plants", nargs="*", default=list(PLANTS), choices=list(PLANTS))
+    parser.add_argument("--kinds", nargs="*", default=(), choices=[*CATALOGUE, *SINCE])
     parser.add_argument("--sizes", type=float, nargs="*", default=SIZES, choices=SIZES)
     parser.add_argument("--seed", type=int, help="of machines, trouble, noise; drawn if absent")
     parser.add_argument("--processes", type=int, default=2)
@@ -145,7 +155,7 @@ def main() -> int:
     if seed is None:
         seed = int(np.random.SeedSequence().generate_state(1)[0])
     print(f"seed {seed}", file=sys.stderr, flush=True)
-    trials = draw(options.logs, options.plants, options.sizes, seed)
+    trials = draw(options.logs, options.plants, options.sizes, seed, options.kinds)
     if options.only is not None:
         trials = [trial for trial in trials if trial.index in options.only]
     keep = options.keep and options.keep.resolve()

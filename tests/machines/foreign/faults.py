@@ -122,6 +122,15 @@ def _convection_state(scene: Scene) -> Fault:
     return Fault(FAN, apply, 0.1, 3.0)
 
 
+def _loss_change(scene: Scene) -> Fault:
+    sign = scene.sign()
+
+    def apply(strength: float, c: Conditions) -> None:
+        c.film = c.film * np.exp(sign * strength)
+
+    return Fault(None, apply, 0.05, 1.5)
+
+
 def _radiation(scene: Scene) -> Fault:
     def apply(strength: float, c: Conditions) -> None:
         c.emissivity += strength
@@ -197,6 +206,8 @@ CATALOGUE: Mapping[str, Builder] = {
     "part_temperature": _part_temperature,
     "outliers": sensor_faults.outliers,
 }
+# Of the catalogue since the draws of the exam were told: drawn where it is asked for.
+SINCE: Mapping[str, Builder] = {"loss_change": _loss_change}
 # Without a strength: they have the size that they have.
 NATURAL: Mapping[str, Builder] = {
     "sensor_frozen": sensor_faults.sensor_frozen,

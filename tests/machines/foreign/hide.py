@@ -7,13 +7,14 @@ from dataclasses import dataclass
 
 import numpy as np
 from machines.foreign.fault import Builder, Fault, Scene
-from machines.foreign.faults import CATALOGUE, NATURAL
+from machines.foreign.faults import CATALOGUE, NATURAL, SINCE
 from machines.foreign.plant import Conditions, Plant, Table, clean_twin, draw, read, run
 from machines.foreign.solver import Array
 from machines.foreign.strangers import MAY_BE_KNOWN, NEVER_KNOWN
 
 KINDS: dict[str, Builder] = {
     **CATALOGUE,
+    **SINCE,
     **NATURAL,
     **{name: builder for name, (builder, _) in MAY_BE_KNOWN.items()},
     **NEVER_KNOWN,
