@@ -129,7 +129,7 @@ def test_under_white_noise_the_amplitude_is_that_of_least_squares() -> None:
     evidence = found.evidence[Z].at([])
     products = evidence.products(signature[:, None], [[0]])
     projected = evidence.projected(frozenset({"offset"}), products)
-    result = profile([CandidateProducts.of(projected, [0], [0])], 1)
+    result = profile([CandidateProducts.of(projected, [0], [0])], 1, np.array([np.nan]))
     table = np.column_stack([signature, np.ones(len(TIME))])
     residual = found.simulation.residual(Z)[0]
     (amplitude, _), (square,), *_ = np.linalg.lstsq(table, residual, rcond=None)

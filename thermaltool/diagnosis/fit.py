@@ -118,12 +118,12 @@ def score(
     amplitudes, products = list(amplitudes), dict(products)
     while True:
         outputs = list(products)
-        given = np.ones(len(amplitudes)) if fixed and amplitudes == [""] else None
+        given = np.array([1.0 if fixed and not name else np.nan for name in amplitudes])
         result = profile(list(products.values()), len(amplitudes), given)
         separate = [reference_of(name)[1] for name in amplitudes]
         # An output with amplitudes of its own has to pay for them.
         over = {
-            o: 2 * gain - len(products[o].amplitudes) * float(np.log(hypothesis.groups[o].count))
+            o: 2 * gain - separate.count(o) * float(np.log(hypothesis.groups[o].count))
             for o, gain in zip(outputs, result.gains.tolist(), strict=True)
         }
         idle = [o for o in outputs if o in separate and len(products) > 1 and over[o] < 0]
@@ -133,11 +133,8 @@ def score(
         gone = [n for n in amplitudes if reference_of(n)[1] == worst]
         kept = [n for n in amplitudes if n not in gone]
         effect = effect.without(tuple(gone))
-        products = {
-            o: replace(p, amplitudes=np.array([kept.index(amplitudes[a]) for a in p.amplitudes]))
-            for o, p in products.items()
-            if o != worst
-        }
+        fewer = {o: p.of_amplitudes(amplitudes, kept) for o, p in products.items()}
+        products = {o: p for o, p in fewer.items() if len(p.amplitudes)}
         amplitudes = kept
     # Assumptions differ in what the model may say for itself, of all outputs: they are compared
     # with the present ones.
@@ -206,6 +203,18 @@ class CandidateProducts:
         b = projected.b[:, list(index)]
         return CandidateProducts(b, C, np.array(amplitudes, int), projected.null)
 
+    def of_amplitudes(self, names: Sequence[str], kept: Sequence[str]) -> CandidateProducts:
+        """Products of the signatures of some of a candidate's amplitudes.
+
+        Parameters
+        ----------
+        names, kept : sequence of str
+            What its amplitudes are called, and which ones stay.
+        """
+        here = [k for k, a in enumerate(self.amplitudes) if names[a] in kept]
+        stay = np.array([kept.index(names[self.amplitudes[k]]) for k in here], int)
+        return replace(self, b=self.b[:, here], C=self.C[:, here][:, :, here], amplitudes=stay)
+
     def variance(self, amplitudes: Float, level: int) -> float:
         """White variance that is left with a candidate's amplitudes at one noise level."""
         a = amplitudes[self.amplitudes]
@@ -244,9 +253,7 @@ class ProfileFit:
     levels: list[int]
 
 
-def profile(
-    outputs: Sequence[CandidateProducts], size: int, fixed: Float | None = None
-) -> ProfileFit:
+def profile(outputs: Sequence[CandidateProducts], size: int, given: Float) -> ProfileFit:
     """Maximum of the likelihood over amplitudes and, for each output, its noise.
 
     Parameters
@@ -254,25 +261,26 @@ def profile(
     outputs : sequence of CandidateProducts
     size : int
         Number of amplitudes.
-    fixed : ndarray, shape (size,), optional
-        Amplitudes that are given.
+    given : ndarray, shape (size,)
+        Amplitudes that are given; NaN for those that are sought.
     """
     b, C = _padded(outputs, size)
     square, logdet = (np.array([getattr(x.null, n) for x in outputs]) for n in ("square", "logdet"))
     dof, least = (np.array([[getattr(x.null, n)] for x in outputs]) for n in ("dof", "least"))
     at = np.arange(len(outputs))
     levels = np.array([each.best_level() for each in outputs])
-    amplitudes = np.zeros(size)
+    free = np.flatnonzero(np.isnan(given))
+    amplitudes = np.nan_to_num(given)
     for _ in range(MAX_PROFILE_STEPS):
         # White variance that is left of each output at its level.
         left = square[at, levels] - (2 * b[at, levels] - C[at, levels] @ amplitudes) @ amplitudes
         precision = dof[:, 0] / np.maximum(left, least[:, 0])
         before = amplitudes
-        if fixed is None:
+        if len(free):
             H = np.einsum("o,oij->ij", precision, C[at, levels])
-            amplitudes = _inverse(H) @ (precision @ b[at, levels])
-        else:
-            amplitudes = fixed
+            slope = precision @ b[at, levels] - H @ np.nan_to_num(given)
+            amplitudes = np.nan_to_num(given)
+            amplitudes[free] = _inverse(H[np.ix_(free, free)]) @ slope[free]
         squares = square - (2 * b - C @ amplitudes) @ amplitudes
         negative = 0.5 * (dof * np.log(np.maximum(squares, least) / dof) + logdet)
         new = np.argmin(negative, axis=1)

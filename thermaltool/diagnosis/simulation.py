@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 
 from thermaltool.diagnosis.correction import LagBank
 from thermaltool.diagnosis.slopes import ModelSlopes
-from thermaltool.effects.effect import Effect, Float, reference_of
+from thermaltool.effects.effect import Effect, Float, Outputs, reference_of
 from thermaltool.effects.scene import Scene
 from thermaltool.errors import ModelError
 from thermaltool.model import (
@@ -218,17 +218,22 @@ class SimulatedLogs:
         """What small moves of the model change."""
         return ModelSlopes(self)
 
-    def change(self, changed: Sequence[Mapping[str, Float]]) -> dict[str, Series]:
+    def change(
+        self, changed: Sequence[Outputs], bare: Sequence[Outputs] | None = None
+    ) -> dict[str, Series]:
         """What changed outputs differ by from those of the model; unchanged ones are left out.
 
         Parameters
         ----------
         changed : sequence of mapping of output to ndarray, one for each log
+        bare : likewise, optional
+            In place of the model's.
         """
         result = {}
         for output in self.groups:
             series = [
-                new[output] - old[output] for new, old in zip(changed, self.outputs, strict=True)
+                new[output] - old[output]
+                for new, old in zip(changed, bare or self.outputs, strict=True)
             ]
             if any(np.any(s) for s in series):
                 result[output] = series
@@ -254,30 +259,35 @@ class SimulatedLogs:
         Returns
         -------
         dict of amplitude to dict of output to list of ndarray
-            Linear parameters; the amplitude ``""`` where there is none: the whole displacement.
-            Outputs that do not change are left out.
+            Linear parameters; the amplitude ``""`` where there is none: the whole displacement, and
+            where the cause stands without them. Outputs that do not change are left out.
         """
         linear = effect.linear()
         if not linear:
             return {"": self.displacement(effect)}
         result: dict[str, dict[str, Series]] = {}
+        neutral = {name: effect.parameter(name).neutral for name in linear}
+        bare = self.outputs
+        if effect.stands:
+            bare = self.with_effects(effect.changed(neutral))
+            result[""] = self.change(bare)
         for base in dict.fromkeys(reference_of(name)[0] for name in linear):
-            neutral = effect.known[base].neutral
-            others = {n: effect.parameter(n).neutral for n in linear if reference_of(n)[0] != base}
             mine = [n for n in linear if reference_of(n)[0] == base]
-            changes = self._slope(effect.changed(others), mine, neutral)
+            changes = self._slope(effect.changed(neutral), mine, effect.known[base].neutral, bare)
             for name in mine:
                 own = reference_of(name)[1]
-                reached = {o: s for o, s in changes.items() if own in (None, o)}
-                if reached:
+                if reached := {o: s for o, s in changes.items() if own in (None, o)}:
                     result[name] = reached
         return result
 
-    def _slope(self, effect: Effect, names: Sequence[str], neutral: float) -> Changes:
-        """Change of every output by amplitudes of an effect, per unit of them."""
+    def _slope(
+        self, effect: Effect, names: Sequence[str], neutral: float, bare: Sequence[Outputs]
+    ) -> Changes:
+        """Change of every output by amplitudes of an effect, per unit of them, from `bare`."""
 
         def by(amplitude: float) -> dict[str, Series]:
-            return self.displacement(effect.changed(dict.fromkeys(names, neutral + amplitude)))
+            moved = effect.changed(dict.fromkeys(names, neutral + amplitude))
+            return self.change(self.with_effects(moved), bare)
 
         found = by(1.0)
         if not self.model.effects:

@@ -153,9 +153,10 @@ def _sure(effect: Effect, intervals: Mapping[str, tuple[float, float]]) -> bool:
     """Whether some amplitude is sure not to be what it is without the effect.
 
     What is not linear in an effect has an interval of small moves, which says little of the way
-    back to none.
+    back to none. One that stands without amplitudes is told by it all the same.
     """
-    given = {n: ends for n, ends in intervals.items() if effect.parameter(n).linear}
+    told = effect.searched() if effect.stands else effect.linear()
+    given = {n: ends for n, ends in intervals.items() if n in told}
     neutral = {n: effect.parameter(n).neutral for n in given}
     return not given or any(not low <= neutral[n] <= high for n, (low, high) in given.items())
 

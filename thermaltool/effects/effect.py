@@ -132,6 +132,7 @@ class Effect:
     at_start: ClassVar[bool] = False  # Whether it is over soon after the first row.
     bends: ClassVar[bool] = False  # Whether outputs are no longer in proportion to drives.
     defect: ClassVar[bool] = False  # Whether it is none of how such a machine works.
+    stands: ClassVar[bool] = False  # Whether it moves outputs with all amplitudes neutral, too.
     memoryless: ClassVar[bool] = False  # Whether it looks at the value of the moment alone.
     # Whether `drive`, `loss` and `output` give for rows one after another, with a memory that goes
     # from each to the next, what they give for the whole record. What is not is refused by name.

@@ -42,11 +42,12 @@ class LossChange(Effect):
     )
     source: ClassVar[str] = "Incropera & DeWitt, ch. 5 (lumped capacitance); Mize 1998 (coolant)"
     causal: ClassVar[bool] = True
+    stands: ClassVar[bool] = True
     known: ClassVar = {
         "factor": Parameter("1", neutral=1.0, low=0.1, high=10.0, log=True),
         "time_constant": Parameter("s", fixed=True),
-        "slow": Parameter("1", low=-0.5, high=0.5),
-        "fast": Parameter("1", low=-0.5, high=0.5),
+        "slow": Parameter("1", low=-0.5, high=0.5, linear=True),
+        "fast": Parameter("1", low=-0.5, high=0.5, linear=True),
     }
 
     def response(self, response: Response, drive: str, output: str) -> Response:
