@@ -338,7 +338,7 @@ class Effect:
         kept = {k: v for k, v in self.parameters.items() if k not in names}
         stay = [output for k in kept if (output := reference_of(k)[1])]
         gone = self.channel in {reference_of(k)[1] for k in names} - set(stay)
-        channel = stay[0] if gone and stay else self.channel
+        channel = stay[0] if gone and stay and not self.stands else self.channel
         return replace(self, channel=channel, parameters=kept, covariance=None)
 
     def document(self) -> dict[str, Any]:

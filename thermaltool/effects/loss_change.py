@@ -3,7 +3,8 @@
 from __future__ import annotations
 
 from collections.abc import Iterator
-from typing import ClassVar
+from dataclasses import replace
+from typing import ClassVar, Self
 
 from thermaltool.effects.effect import Effect, Parameter, Side
 from thermaltool.effects.scene import Scene
@@ -13,6 +14,7 @@ from thermaltool.units import is_absolute
 
 # Factors that are worth a trial.
 TRIALS = (0.6, 0.8, 1.3, 2.0)
+MAX_RATIO = 8.0
 # By which modes of an output come to weigh more.
 SHARES = ("slow", "fast")
 
@@ -21,8 +23,9 @@ class LossChange(Effect):
     """Heat is lost `factor` times as fast as at the calibration, at all times.
 
     Modes decay faster by one rate, by which `time_constant`, the slowest one that matters, becomes
-    that part of itself; where bodies lose heat by other rates than they store it slow modes come
-    to weigh `slow[output]` more, and fast ones `fast[output]`. See `thermaltool.responses.losing.LosingHeat`.
+    that part of itself. Where bodies lose heat by other rates than they store it that of the fast
+    ones changes `ratio` times as much, and they come to weigh `fast[output]` more, slow ones
+    `slow[output]`. See `thermaltool.responses.losing.LosingHeat`.
     """
 
     name: ClassVar[str] = "loss_change"
@@ -33,9 +36,8 @@ class LossChange(Effect):
         "fan has failed, a cover is open, the coolant flows otherwise"
     )
     action: ClassVar[str] = (
-        "look at what cools the machine (fans, filters, covers, coolant): heat is lost {factor} "
-        "times as fast as at the calibration, by which {output} is off by up to {moves}; mend it, or "
-        "calibrate again"
+        "look at what cools the machine around {channel} (fans, filters, covers, coolant): heat is "
+        "lost {factor} times as fast as at the calibration; mend it, or calibrate again"
     )
     signature: ClassVar[str] = (
         "all outputs reach less, and sooner, or more, and later, by one and the same rate"
@@ -46,6 +48,7 @@ class LossChange(Effect):
     known: ClassVar = {
         "factor": Parameter("1", neutral=1.0, low=0.1, high=10.0, log=True),
         "time_constant": Parameter("s", fixed=True),
+        "ratio": Parameter("1", neutral=1.0, low=0.0, high=MAX_RATIO),
         "slow": Parameter("1", low=-0.5, high=0.5, linear=True),
         "fast": Parameter("1", low=-0.5, high=0.5, linear=True),
     }
@@ -53,8 +56,19 @@ class LossChange(Effect):
     def response(self, response: Response, drive: str, output: str) -> Response:
         own = self.parameters
         slow, fast = (own.get(f"{name}[{output}]", 0.0) for name in SHARES)
-        shares = slow, fast
-        return losing(response, own["factor"], own["time_constant"], shares, is_absolute(drive))
+        return losing(
+            response,
+            own["factor"],
+            own["time_constant"],
+            own.get("ratio", 1.0),
+            (slow, fast),
+            is_absolute(drive),
+        )
+
+    def finer(self) -> Self | None:
+        if "ratio" in self.parameters:
+            return None
+        return replace(self, parameters={**self.parameters, "ratio": 1.0}, covariance=None)
 
     @property
     def everywhere(self) -> bool:

@@ -18,17 +18,16 @@ SUFFIX = "_loss"
 FINE = 500.0
 # A mode, be it slower than the time constant that is told, keeps this part of its rate.
 LEAST_RATE = 0.1
-# Modes whose rate is below so many times that of the slowest body go with it.
-SLOW = 2.0
 
 
 class LosingHeat:
-    """A response all of whose modes decay faster by r = (f − 1)/τ, as where x' = A x + B u − r x.
+    """A response whose modes decay faster by r = (f − 1)/τ, as where x' = A x + B u − r x.
 
-    What enters as heat enters as before: residues stay, and
-    the gain falls. Where what is lost goes to the drive, a room, the gain stays and residues rise.
-    Of bodies that lose heat by other rates than they store it modes mix, of which the first order
-    is kept: the weights of slow and of fast ones change by a share each.
+    What enters as heat enters as before: residues stay, and the gain falls. Where what is lost goes
+    to the drive, a room, the gain stays and residues rise. Of bodies that lose heat by other rates
+    than they store it, to first order, rates change by r of the slow modes and by q·r of the fast
+    ones, and weights by a share each. A mode of the rate λ is as fast as 1 − 1/(λτ) says: what
+    cancels between modes that are near each other still does.
 
     Attributes
     ----------
@@ -36,6 +35,8 @@ class LosingHeat:
         f, by what factor heat is lost faster; below 1 slower.
     loss_time_constant : float [s]
         τ, the slowest one that mattered before.
+    loss_ratio : float
+        q, by how much more the rates of fast modes change.
     loss_slow, loss_fast : float
         By which share slow and fast modes have come to weigh more.
     loss_to_drive : float
@@ -49,6 +50,7 @@ class LosingHeat:
     fixed: ClassVar[dict[str, float]]
     loss_factor: float
     loss_time_constant: float
+    loss_ratio: float
     loss_slow: float
     loss_fast: float
     loss_to_drive: float
@@ -75,22 +77,26 @@ class LosingHeat:
         dt : float [s]
         """
         modes: Modes = self.before_loss.modes(dt)
-        faster, slow = self._faster(-modes.poles.real), self._is_slow(-modes.poles.real)
-        weights = np.where(slow, 1.0 + self.loss_slow, 1.0 + self.loss_fast) * modes.weights
-        changed = replace(modes, poles=modes.poles - faster, weights=weights)
+        rates = -modes.poles.real
+        share = self.loss_slow + (self.loss_fast - self.loss_slow) * self._fast(rates)
+        changed = replace(
+            modes, poles=modes.poles - self._rise(rates), weights=(1.0 + share) * modes.weights
+        )
         gain = changed.dc_gain() - changed.direct
         if not self.loss_to_drive or not gain:
             return changed
         kept = (modes.dc_gain() - modes.direct) / gain
-        return replace(changed, weights=kept * weights, double=kept * changed.double)
+        return replace(changed, weights=kept * changed.weights, double=kept * changed.double)
 
-    def _faster(self, rates: Float) -> Float:
+    def _fast(self, rates: Float) -> Float:
+        """How fast modes of these rates are: 0 at the slowest that mattered, 1 far above it."""
+        return np.maximum(1.0 - 1.0 / np.maximum(rates * self.loss_time_constant, 1.0), 0.0)
+
+    def _rise(self, rates: Float) -> Float:
         """By how much modes of these rates decay faster [1/s]."""
         rate = (self.loss_factor - 1.0) / self.loss_time_constant
-        return np.maximum(rate, (LEAST_RATE - 1.0) * rates)
-
-    def _is_slow(self, rates: Float) -> Any:
-        return rates < SLOW / self.loss_time_constant
+        rises = rate * (1.0 + (self.loss_ratio - 1.0) * self._fast(rates))
+        return np.maximum(rises, (LEAST_RATE - 1.0) * rates)
 
     def transfer(self, s: Complex) -> Complex:
         """H at complex frequencies, of its modes.
@@ -126,7 +132,7 @@ class LosingHeat:
         time_constant : float [s]
         """
         rate = np.array([1.0 / time_constant])
-        return float(1.0 / (rate + self._faster(rate))[0])
+        return float(1.0 / (rate + self._rise(rate))[0])
 
     @classmethod
     def search_box(cls, period: float, duration: float, **fixed: float) -> dict[str, Any]:
@@ -167,6 +173,7 @@ def losing_kind(before: Any) -> Any:
         **before.fixed,
         "loss_factor": 1.0,
         "loss_time_constant": 1.0,
+        "loss_ratio": 1.0,
         "loss_slow": 0.0,
         "loss_fast": 0.0,
         "loss_to_drive": 0.0,
@@ -193,6 +200,7 @@ def losing(
     response: Response,
     factor: float,
     time_constant: float,
+    ratio: float,
     shares: tuple[float, float],
     to_drive: bool,
 ) -> Response:
@@ -204,6 +212,7 @@ def losing(
         One that has changed before has both changes.
     factor : float
     time_constant : float [s]
+    ratio : float
     shares : (float, float)
         Of slow and of fast modes.
     to_drive : bool
@@ -212,8 +221,9 @@ def losing(
     slow, fast = shares
     if isinstance(response, LosingHeat):
         before, first = response.before_loss, response
-        factor = first.loss_factor + (factor - 1.0) * first.loss_time_constant / time_constant
-        time_constant = first.loss_time_constant
+        rises = first.loss_factor - 1.0, (factor - 1.0) * first.loss_time_constant / time_constant
+        factor, time_constant = 1.0 + sum(rises), first.loss_time_constant
+        ratio = (rises[0] * first.loss_ratio + rises[1] * ratio) / (sum(rises) or 1.0)
         slow = (1.0 + first.loss_slow) * (1.0 + slow) - 1.0
         fast = (1.0 + first.loss_fast) * (1.0 + fast) - 1.0
     kind = losing_kind(type(before))
@@ -222,6 +232,7 @@ def losing(
         **known,
         loss_factor=factor,
         loss_time_constant=time_constant,
+        loss_ratio=ratio,
         loss_slow=slow,
         loss_fast=fast,
         loss_to_drive=float(to_drive),
