@@ -8,7 +8,8 @@ default options of `calibrate`; its later logs have one thing wrong that is buil
 of a kind that the catalogue has or has not, or nothing. `diagnose --validate -o` is asked, and what
 it writes is run by `simulate` on the diagnosed, the validation and the calibration log. Seeds are
 drawn fresh and printed; ``--seed`` repeats a run, ``--only`` some logs of it, ``--keep`` leaves
-their files. With ``--kinds`` every log has one of these causes, in turn. Prints Markdown tables. With ``--must`` it exits with 3 where a requirement is missed.
+their files. With ``--kinds`` every log has one of these causes, in turn. Prints Markdown tables.
+With ``--must`` it exits with 3 where a requirement is missed.
 """
 
 from __future__ import annotations

@@ -1,10 +1,11 @@
 """What every physical cause has in common: parameters, the physics, and trial sizes.
 
 An effect acts at one place of the model: on a drive before its terms (`Effect.drive`), on the
-rate at which heat is lost (`Effect.loss`) or at which everything goes (`Effect.pace`), on the
-responses for good (`Effect.response`), or on outputs (`Effect.output`, `Effect.reading` for one). All are the identity unless a cause says so:
-it is one file that overrides what it changes, lists its parameters, and says in `probes` at which
-places and sizes it is worth a trial. A causal one takes a record whole or, with `Memory`, by rows.
+rate at which heat is lost (`Effect.loss`) or at which everything goes (`Effect.pace`), on responses
+for good (`Effect.response`), or on outputs (`Effect.output`, `Effect.reading` for one). All are the
+identity unless a cause says so: it is one file that overrides what it changes, lists its
+parameters, and says in `probes` at which places and sizes it is worth a trial. A causal one takes a
+record whole or, with `Memory`, by rows.
 """
 
 from __future__ import annotations

@@ -226,7 +226,7 @@ def losing(
         ratio = (rises[0] * first.loss_ratio + rises[1] * ratio) / (sum(rises) or 1.0)
         slow = (1.0 + first.loss_slow) * (1.0 + slow) - 1.0
         fast = (1.0 + first.loss_fast) * (1.0 + fast) - 1.0
-    kind = losing_kind(type(before))
+    kind = losing_kind(before.__class__)
     known = {each.name: getattr(before, each.name) for each in fields(before)}
     found: Response = kind(
         **known,
