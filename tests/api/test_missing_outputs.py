@@ -53,3 +53,15 @@ def test_without_a_policy_a_missing_value_is_refused(log, channel):
         tt.calibrate(whole, ["Q_main_W"], deflections=["d_z_um"])
     with pytest.raises(tt.errors.LogError, match=f"{channel}: missing value"):
         tt.identify(whole, ["Q_main_W"], ["d_z_um"])
+
+
+def test_a_dead_sensor_is_told_and_not_judged(log):
+    whole = log.interpolate()
+    whole["T_a_degC"] = 21.0 + whole["d_z_um"] / 4
+    fit = tt.calibrate(whole, ["Q_main_W"], sensors=["T_a_degC"], deflections=["d_z_um"])
+    dead, said = whole.assign(T_a_degC=np.nan), []
+    found = tt.diagnose(fit, dead, nan_policy="omit", warn=said.append)
+    assert any("T_a_degC: no values: it is not judged there" in line for line in said)
+    assert list(found.document()["residuals"]) == ["d_z_um"]
+    with pytest.raises(tt.errors.LogError, match="T_a_degC: no values: nothing to judge"):
+        tt.diagnose(fit, dead.drop(columns="d_z_um"), nan_policy="omit")

@@ -27,9 +27,11 @@ def drift(rng, sigma, tau, n=N):
     )[0]
 
 
-def report(residual, *, time=TIME, measured=OUTPUT, drives=None, others=None, white=0.5):
+def report(
+    residual, *, time=TIME, measured=OUTPUT, drives=None, others=None, white=0.5, warm=False
+):
     drives = {"Q_main_1": DRIVE} if drives is None else drives
-    return residual_report(time, residual, measured, drives, others or {}, white)
+    return residual_report(time, residual, measured, drives, others or {}, white, warm=warm)
 
 
 def test_noise_and_discrepancy_are_told_apart():
@@ -176,6 +178,19 @@ def test_a_residual_that_comes_for_good_is_worst_from_there_on():
     assert found.worst.stop == TIME[-1]
     (early, *_) = (c for c in found.conditions if c.channel == "n_rpm")
     assert abs(early.mean) < 0.1
+
+
+def test_a_residual_that_is_soon_there_and_stays_is_worst_while_it_stays():
+    rng = np.random.default_rng(14)
+    residual = 20.0 * -np.expm1(-TIME / 800.0) + 0.5 * rng.standard_normal(N)
+    found = report(residual)
+    assert found.worst.start < 0.1 * TIME[-1]
+    assert found.worst.stop == TIME[-1]
+    assert found.worst.rms == pytest.approx(20.0, rel=0.05)
+    # Where the first rows tell no zero, the level that most rows share is taken for right.
+    begun = report(residual, warm=True).worst
+    assert begun.start == 0.0
+    assert begun.stop < 0.2 * TIME[-1]
 
 
 def test_an_arbitrary_zero_is_no_misfit():
