@@ -90,7 +90,7 @@ def test_ways_are_chosen_and_what_cannot_be_inverted_is_named(c_frame):
             c_frame, terms=(term, replace(term, response=Rational1(3.0, 900.0)))
         ),
         "drive_curve": replace(c_frame, effects=(DriveCurve(HEATER, {"level": 1.0, "c1": 1.0}),)),
-        "deflection is not rational": replace(
+        "deflection is none of the rational kinds": replace(
             c_frame,
             terms=(Term(HEATER, ANGLE, Deflection(10.5, 5.9e-4, 67.1, 9.1e-4, -0.041, 0.0044)),),
         ),

@@ -349,7 +349,7 @@ def _judged_by(log: Log, model: Model) -> tuple[Log, dict[str, str]]:
     Raises
     ------
     LogError
-        No row, no output of the model, or none with a reading.
+        No row, no output of the model, or none with a reading, or one without that the model needs.
     """
     import numpy as np
 
@@ -368,6 +368,8 @@ def _judged_by(log: Log, model: Model) -> tuple[Log, dict[str, str]]:
         for name in there
         if np.isnan(log.columns[name]).all()
     }
+    if needed := [name for name in dead if name in model.needs()]:
+        raise LogError(f"{dead[needed[0]]}: the model needs it", log.name, None, needed[0])
     if len(dead) == len(there):
         first = there[0]
         raise LogError(f"{dead[first]}: nothing to judge the model by", log.name, None, first)

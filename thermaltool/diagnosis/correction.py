@@ -14,6 +14,7 @@ import numpy as np
 
 from thermaltool.errors import ModelError
 from thermaltool.model import Model, Term
+from thermaltool.responses.losing import LosingHeat, losing_alike
 from thermaltool.responses.modes import Complex, Float, Modes, Range
 
 
@@ -93,6 +94,17 @@ class LagBank:
         return [()]
 
 
+def is_bank(term: Term) -> bool:
+    """Whether a term stands for what the kind of another one leaves out.
+
+    Parameters
+    ----------
+    term : Term
+    """
+    before = term.response.before_loss if isinstance(term.response, LosingHeat) else term.response
+    return isinstance(before, LagBank)
+
+
 def known_discrepancy(model: Model, output: str) -> Mapping[str, Any]:
     """What the calibration knows of an output beyond its kind of response; may be empty.
 
@@ -145,7 +157,9 @@ def corrected(model: Model) -> Model:
             bank = LagBank(
                 tuple(weights[k] for k in chosen), tuple(known["lags"][k][1] for k in chosen)
             )
-            terms.append(Term(drive, output.channel, bank))
+            beside = [t.response for t in moved.values() if t.drive == drive]
+            changed = losing_alike(bank, beside[0]) if beside else bank
+            terms.append(Term(drive, output.channel, changed))
     return replace(model, terms=tuple(terms))
 
 
@@ -187,5 +201,5 @@ def without_lags(model: Model) -> Model:
     ----------
     model : Model
     """
-    terms = tuple(t for t in model.terms if t.response.kind != LagBank.kind)
+    terms = tuple(t for t in model.terms if not is_bank(t))
     return replace(model, terms=terms)

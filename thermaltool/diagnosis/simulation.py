@@ -9,7 +9,7 @@ from functools import cached_property
 import numpy as np
 from numpy.typing import NDArray
 
-from thermaltool.diagnosis.correction import LagBank
+from thermaltool.diagnosis.correction import is_bank
 from thermaltool.diagnosis.slopes import ModelSlopes
 from thermaltool.effects.effect import Effect, Float, Outputs, reference_of
 from thermaltool.effects.scene import Scene
@@ -154,7 +154,7 @@ class SimulatedLogs:
     def started(self) -> list[dict[str, StartedOutput]]:
         """Measured outputs of each log as `simulate` runs them, in the state in which it begins."""
         return [
-            started_outputs(with_acting_terms(self.model), log, outputs)
+            started_outputs(self.model, log, outputs)
             for log, outputs in zip(self.logs, self.outputs, strict=True)
         ]
 
@@ -364,8 +364,9 @@ class SimulatedLogs:
         known = {d.channel for d in self.model.drives} | {o.channel for o in self.model.outputs}
         used = {c for e in self.model.effects for c in e.needs()}
         beside = [c for c in self.logs[0].columns if c not in known | used]
-        own = [t for t in self.model.terms if not isinstance(t.response, LagBank)]
+        own = [t for t in self.model.terms if not is_bank(t)]
         answered = {(term.drive, term.output) for term in own}
+        now = with_acting_terms(replace(self.model, terms=tuple(own)))
         unanswered = {
             d.channel: tuple(o for o in self.groups if (d.channel, o) not in answered)
             for d in self.model.drives
@@ -385,7 +386,7 @@ class SimulatedLogs:
             ),
             noise=noise,
             slowest={o: self.slowest(o) for o in self.groups},
-            bodies=slow_bodies(own, self.groups, self.model.sample_period),
+            bodies=slow_bodies(now.terms, self.groups, now.sample_period),
         )
 
 

@@ -343,9 +343,12 @@ def account(
     elif worse := spoiled_by(model, extended, [*own, *unseen, *healthy], masked, noise):
         spoiled = f"{worse[1]} in {_name(worse[0])}"
     if worse := spoiled_by(model, extended, before, masked, noise, surely=True):
+        since = "the machine has changed since, or the cause is another"
+        if any(cause.responds for cause in causes):
+            since = "it is the machine as it has become"
         notes.append(
             f"{worse[1]} in {_name(worse[0])}, a log of the calibration, is worse by the written "
-            "model: the machine has changed since, or the cause is another"
+            f"model: {since}"
         )
     gains: list[Mapping[str, Gain] | None] = []
     for cause, (one, other) in zip(causes, itertools.pairwise(models), strict=True):

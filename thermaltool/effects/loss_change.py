@@ -16,7 +16,7 @@ from thermaltool.units import is_absolute
 TRIALS = (0.6, 0.8, 1.3, 2.0)
 MAX_RATIO = 8.0
 # By which modes of an output come to weigh more.
-SHARES = ("slow", "fast")
+WEIGHTS = ("slow", "fast")
 
 
 class LossChange(Effect):
@@ -55,15 +55,10 @@ class LossChange(Effect):
 
     def response(self, response: Response, drive: str, output: str) -> Response:
         own = self.parameters
-        slow, fast = (own.get(f"{name}[{output}]", 0.0) for name in SHARES)
-        return losing(
-            response,
-            own["factor"],
-            own["time_constant"],
-            own.get("ratio", 1.0),
-            (slow, fast),
-            is_absolute(drive),
-        )
+        rate = (own["factor"] - 1.0) / own["time_constant"]
+        slow, fast = (own.get(f"{name}[{output}]", 0.0) for name in WEIGHTS)
+        rates, to_drive = (rate, own.get("ratio", 1.0) * rate), is_absolute(drive)
+        return losing(response, rates, own["time_constant"], (slow, fast), to_drive)
 
     def finer(self) -> Self | None:
         if "ratio" in self.parameters:
@@ -78,9 +73,10 @@ class LossChange(Effect):
     def probes(cls, scene: Scene) -> Iterator[Effect]:
         if not scene.bodies:
             return
-        place = max(scene.bodies, key=lambda output: scene.bodies[output])
-        shares = dict.fromkeys([f"{name}[{o}]" for o in scene.bodies for name in SHARES], 0.0)
+        # That which is read best tells the time constant best.
+        place = max(scene.bodies, key=lambda output: scene.spans[output] / scene.noise[output])
+        weights = dict.fromkeys([f"{name}[{o}]" for o in scene.bodies for name in WEIGHTS], 0.0)
         for log in scene.within_one():
             for factor in TRIALS:
-                own = {"factor": factor, "time_constant": scene.bodies[place], **shares}
+                own = {"factor": factor, "time_constant": scene.bodies[place], **weights}
                 yield cls(place, own, log)

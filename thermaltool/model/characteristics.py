@@ -286,13 +286,31 @@ def _since_change(of: Callable[[Any], float], response: LosingHeat) -> float:
 
 
 def _oscillations(term: Term) -> Iterator[OscillatoryMode]:
-    names = [name for name in term.response.searched if name.startswith("omega")]
-    for name in sorted(names, key=lambda each: float(getattr(term.response, each))):
-        damping = normal_estimate(
-            getattr(term.response, name.replace("omega", "zeta")),
-            _error(term, attrgetter(name.replace("omega", "zeta"))),
-        )
-        yield OscillatoryMode(_positive(term, partial(_period, name), "s"), damping)
+    response = term.response
+    changed = isinstance(response, LosingHeat)
+    before: Any = response.before_loss if isinstance(response, LosingHeat) else response
+    names = [name for name in before.searched if name.startswith("omega")]
+    for name in sorted(names, key=lambda each: float(getattr(before, each))):
+        pair = partial(_pair, name, changed)
+        damping = normal_estimate(_damping(pair, response), _error(term, partial(_damping, pair)))
+        yield OscillatoryMode(_positive(term, partial(_period, pair), "s"), damping)
+
+
+def _pair(name: str, changed: bool, response: Any) -> tuple[float, float]:
+    """Natural frequency [rad/s] and damping ratio of a pair of poles."""
+    before = response.before_loss if changed else response
+    omega = float(getattr(before, name))
+    zeta = float(getattr(before, name.replace("omega", "zeta")))
+    if not changed:
+        return omega, zeta
+    rate = 1.0 / response.changed(1.0 / (zeta * omega))
+    frequency = float(np.hypot(rate, omega * np.sqrt(1.0 - zeta**2)))
+    return frequency, rate / frequency
+
+
+def _damping(pair: Callable[[Any], tuple[float, float]], response: Any) -> float:
+    """Damping ratio of a pair of poles."""
+    return pair(response)[1]
 
 
 def _inverse(name: str, response: Any) -> float:
@@ -300,9 +318,9 @@ def _inverse(name: str, response: Any) -> float:
     return 1 / float(getattr(response, name))
 
 
-def _period(name: str, response: Any) -> float:
-    """Natural period of an angular frequency [s]."""
-    return 2 * np.pi / float(getattr(response, name))
+def _period(pair: Callable[[Any], tuple[float, float]], response: Any) -> float:
+    """Natural period of a pair of poles [s]."""
+    return 2 * np.pi / pair(response)[0]
 
 
 def _ends(estimate: Estimate) -> list[float]:

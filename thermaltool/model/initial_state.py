@@ -25,7 +25,13 @@ from thermaltool.model.decays import (
     start_decays,
 )
 from thermaltool.model.rest import Zero, drive_rests, rest_shifts, zero_of
-from thermaltool.model.simulate import Course, acting_drives, acting_effects, sum_terms
+from thermaltool.model.simulate import (
+    Course,
+    acting_drives,
+    acting_effects,
+    sum_terms,
+    with_acting_terms,
+)
 from thermaltool.record import Record, Rows
 from thermaltool.responses.modes import Float
 
@@ -99,6 +105,7 @@ def started_outputs(
     LogError
         Of "free": fewer readings than twice the states.
     """
+    model = with_acting_terms(model, record.digest)
     rested = {
         o.channel: StartedOutput(
             simulated[o.channel],

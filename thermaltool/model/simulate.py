@@ -113,14 +113,16 @@ def acting_terms(model: Model, effects: Sequence[Effect]) -> tuple[Term, ...]:
     return terms
 
 
-def with_acting_terms(model: Model) -> Model:
+def with_acting_terms(model: Model, digest: str | None = None) -> Model:
     """A model whose terms are those that act in every record, instead of effects on them.
 
     Parameters
     ----------
     model : Model
+    digest : str, optional
+        Of a record, in which those that are its own act, too.
     """
-    lasting = [e for e in acting_effects(model) if e.responds]
+    lasting = [e for e in acting_effects(model, digest) if e.responds]
     rest = tuple(e for e in model.effects if e not in lasting)
     return replace(model, terms=acting_terms(model, lasting), effects=rest) if lasting else model
 

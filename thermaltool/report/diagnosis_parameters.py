@@ -40,7 +40,7 @@ def parameter_sentence(document: Document, cause: Document) -> str:
     outputs = _outputs(parameters, moved_first(document, cause))
     if any(name.startswith("middle[") for name in parameters):
         return _loss(cause, parameters, outputs)
-    if cause["name"] == "loss_change":
+    if {"factor", "time_constant"} <= parameters.keys():
         return _changed(parameters)
     told = outputs[:MAX_OUTPUTS]
     names = [n for output in told for n in parameters if _output(n) == output]

@@ -30,6 +30,8 @@ KINDS: dict[str, str] = {
     "oscillation1": "thermaltool.responses.rational:Oscillation1",
     "oscillation2": "thermaltool.responses.rational:Oscillation2",
 }
+# Behind the name of a kind, of one that has come to lose heat otherwise.
+CHANGED = "_loss"
 # Of the family of rational kinds with more poles, or with feedthrough, those that the shared checks
 # run on: `response_class` knows all.
 MORE_RATIONAL = ("rational9", "rational1_direct", "rational4_direct", "oscillation_direct",
@@ -90,10 +92,11 @@ def response_class(kind: str) -> Any:
         found = rational_by_name(kind)
         if found is not None:
             return found
-        if kind.endswith("_loss"):
+        before = kind.removesuffix(CHANGED)
+        if before != kind and not before.endswith(CHANGED):
             from thermaltool.responses.losing import losing_kind
 
-            return losing_kind(response_class(kind.removesuffix("_loss")))
+            return losing_kind(response_class(before))
         raise ModelError(f"unknown response {kind!r}; known: {', '.join(KINDS)}")
     module, _, name = KINDS[kind].partition(":")
     return getattr(importlib.import_module(module), name)

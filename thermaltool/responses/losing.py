@@ -9,11 +9,9 @@ from typing import Any, ClassVar
 import numpy as np
 
 from thermaltool.errors import ModelError
-from thermaltool.responses import Response, response_class
+from thermaltool.responses import CHANGED, Response, response_class
 from thermaltool.responses.modes import Complex, Float, Modes
 
-# What is behind the name of the kind that has changed.
-SUFFIX = "_loss"
 # Of a response without a clock of its own, samples in the time constant that has changed.
 FINE = 500.0
 # A mode, be it slower than the time constant that is told, keeps this part of its rate.
@@ -21,24 +19,22 @@ LEAST_RATE = 0.1
 
 
 class LosingHeat:
-    """A response whose modes decay faster by r = (f − 1)/τ, as where x' = A x + B u − r x.
+    """A response whose modes decay faster by a rate r, as where x' = A x + B u − r x.
 
     What enters as heat enters as before: residues stay, and the gain falls. Where what is lost goes
-    to the drive, a room, the gain stays and residues rise. Of bodies that lose heat by other rates
-    than they store it, to first order, rates change by r of the slow modes and by q·r of the fast
-    ones, and weights by a share each. A mode of the rate λ is as fast as 1 − 1/(λτ) says: what
-    cancels between modes that are near each other still does.
+    to the drive, a room, the gain of each mode stays. Of bodies that lose heat by other rates than
+    they store it, to first order, fast modes decay faster by another rate than slow ones, and both
+    come to weigh more or less. A mode of the rate λ is as fast as 1 − 1/(λτ) says: what cancels
+    between modes that are near each other still does.
 
     Attributes
     ----------
-    loss_factor : float
-        f, by what factor heat is lost faster; below 1 slower.
+    loss_rate, loss_fast_rate : float [1/s]
+        By which slow and fast modes decay faster; below 0 slower.
     loss_time_constant : float [s]
         τ, the slowest one that mattered before.
-    loss_ratio : float
-        q, by how much more the rates of fast modes change.
     loss_slow, loss_fast : float
-        By which share slow and fast modes have come to weigh more.
+        By which part slow and fast modes have come to weigh more; not of a room.
     loss_to_drive : float
         1 where the drive is what heat is lost to, and 0 where it is not.
     """
@@ -48,16 +44,16 @@ class LosingHeat:
     searched: ClassVar[tuple[str, ...]]
     gains: ClassVar[tuple[str, ...]]
     fixed: ClassVar[dict[str, float]]
-    loss_factor: float
+    loss_rate: float
+    loss_fast_rate: float
     loss_time_constant: float
-    loss_ratio: float
     loss_slow: float
     loss_fast: float
     loss_to_drive: float
 
     def __post_init__(self) -> None:
-        if not (0 < self.loss_factor < np.inf and 0 < self.loss_time_constant < np.inf):
-            raise ModelError(f"{self.kind} needs a factor and a time constant above zero")
+        if not 0 < self.loss_time_constant < np.inf:
+            raise ModelError(f"{self.kind} needs a time constant above zero")
         _ = self.before_loss
 
     @cached_property
@@ -78,25 +74,34 @@ class LosingHeat:
         """
         modes: Modes = self.before_loss.modes(dt)
         rates = -modes.poles.real
-        share = self.loss_slow + (self.loss_fast - self.loss_slow) * self._fast(rates)
-        changed = replace(
-            modes, poles=modes.poles - self._rise(rates), weights=(1.0 + share) * modes.weights
-        )
-        gain = changed.dc_gain() - changed.direct
-        if not self.loss_to_drive or not gain:
-            return changed
-        kept = (modes.dc_gain() - modes.direct) / gain
-        return replace(changed, weights=kept * changed.weights, double=kept * changed.double)
+        rises, slope = self._rises(rates)
+        poles = modes.poles - rises
+        fast, faster = self._fast(rates)
+        weight: Any = 1.0 + self.loss_slow + (self.loss_fast - self.loss_slow) * fast
+        by_rate = (self.loss_fast - self.loss_slow) * faster
+        if self.loss_to_drive:
+            moves = modes.poles != 0
+            before = np.where(moves, modes.poles, 1.0)
+            weight = np.where(moves, poles / before, 1.0)
+            by_rate = np.where(moves, (slope * rates - rises) / before.real**2, 0.0)
+        # A double pole is two that are near each other.
+        weights = weight * modes.weights - modes.double * by_rate
+        double = weight.real * modes.double * (1.0 + slope)
+        return replace(modes, poles=poles, weights=weights, double=double)
 
-    def _fast(self, rates: Float) -> Float:
-        """How fast modes of these rates are: 0 at the slowest that mattered, 1 far above it."""
-        return np.maximum(1.0 - 1.0 / np.maximum(rates * self.loss_time_constant, 1.0), 0.0)
+    def _fast(self, rates: Float) -> tuple[Float, Float]:
+        """How fast modes are, 0 at the slowest that mattered and 1 far above, and its slope."""
+        times = np.maximum(rates * self.loss_time_constant, 1.0)
+        return 1.0 - 1.0 / times, np.where(times > 1.0, self.loss_time_constant / times**2, 0.0)
 
-    def _rise(self, rates: Float) -> Float:
-        """By how much modes of these rates decay faster [1/s]."""
-        rate = (self.loss_factor - 1.0) / self.loss_time_constant
-        rises = rate * (1.0 + (self.loss_ratio - 1.0) * self._fast(rates))
-        return np.maximum(rises, (LEAST_RATE - 1.0) * rates)
+    def _rises(self, rates: Float) -> tuple[Float, Float]:
+        """By how much modes of these rates decay faster [1/s], and its slope."""
+        # No mode comes to be slower than one that was.
+        most = max(self.loss_fast_rate - self.loss_rate, -1.0 / self.loss_time_constant)
+        fast, slope = self._fast(rates)
+        rises, least = self.loss_rate + most * fast, (LEAST_RATE - 1.0) * rates
+        held = rises < least
+        return np.where(held, least, rises), np.where(held, LEAST_RATE - 1.0, most * slope)
 
     def transfer(self, s: Complex) -> Complex:
         """H at complex frequencies, of its modes.
@@ -131,8 +136,10 @@ class LosingHeat:
         ----------
         time_constant : float [s]
         """
-        rate = np.array([1.0 / time_constant])
-        return float(1.0 / (rate + self._rise(rate))[0])
+        if not time_constant:  # of what stands for no body
+            return 0.0
+        rates = np.array([1.0 / time_constant])
+        return float(1.0 / (rates + self._rises(rates)[0])[0])
 
     @classmethod
     def search_box(cls, period: float, duration: float, **fixed: float) -> dict[str, Any]:
@@ -171,23 +178,23 @@ def losing_kind(before: Any) -> Any:
     """
     fixed = {
         **before.fixed,
-        "loss_factor": 1.0,
+        "loss_rate": 0.0,
+        "loss_fast_rate": 0.0,
         "loss_time_constant": 1.0,
-        "loss_ratio": 1.0,
         "loss_slow": 0.0,
         "loss_fast": 0.0,
         "loss_to_drive": 0.0,
     }
     names = dict.fromkeys((*(each.name for each in fields(before)), *fixed))
     return make_dataclass(
-        before.kind + SUFFIX,
+        before.kind + CHANGED,
         [(name, Any) for name in names],
         bases=(LosingHeat,),
         frozen=True,
         namespace={
             "__doc__": f"{before.kind} of a machine that loses heat otherwise; see `LosingHeat`.",
             "__module__": __name__,
-            "kind": before.kind + SUFFIX,
+            "kind": before.kind + CHANGED,
             "before": before,
             "searched": before.searched,
             "gains": before.gains,
@@ -198,11 +205,10 @@ def losing_kind(before: Any) -> Any:
 
 def losing(
     response: Response,
-    factor: float,
+    rates: tuple[float, float],
     time_constant: float,
-    ratio: float,
-    shares: tuple[float, float],
-    to_drive: bool,
+    weights: tuple[float, float] = (0.0, 0.0),
+    to_drive: bool = False,
 ) -> Response:
     """A response where heat has come to be lost otherwise; see `LosingHeat`.
 
@@ -210,29 +216,28 @@ def losing(
     ----------
     response : Response
         One that has changed before has both changes.
-    factor : float
+    rates : (float, float) [1/s]
+        By which slow and fast modes decay faster.
     time_constant : float [s]
-    ratio : float
-    shares : (float, float)
-        Of slow and of fast modes.
+    weights : (float, float)
+        By which part slow and fast modes weigh more.
     to_drive : bool
     """
     before: Any = response
-    slow, fast = shares
+    (slow, fast), (slower, faster) = weights, rates
     if isinstance(response, LosingHeat):
         before, first = response.before_loss, response
-        rises = first.loss_factor - 1.0, (factor - 1.0) * first.loss_time_constant / time_constant
-        factor, time_constant = 1.0 + sum(rises), first.loss_time_constant
-        ratio = (rises[0] * first.loss_ratio + rises[1] * ratio) / (sum(rises) or 1.0)
+        slower, faster = first.loss_rate + slower, first.loss_fast_rate + faster
         slow = (1.0 + first.loss_slow) * (1.0 + slow) - 1.0
         fast = (1.0 + first.loss_fast) * (1.0 + fast) - 1.0
+        time_constant = first.loss_time_constant
     kind = losing_kind(before.__class__)
     known = {each.name: getattr(before, each.name) for each in fields(before)}
     found: Response = kind(
         **known,
-        loss_factor=factor,
+        loss_rate=slower,
+        loss_fast_rate=faster,
         loss_time_constant=time_constant,
-        loss_ratio=ratio,
         loss_slow=slow,
         loss_fast=fast,
         loss_to_drive=float(to_drive),
@@ -240,8 +245,28 @@ def losing(
     return found
 
 
+def losing_alike(response: Response, other: Response) -> Response:
+    """A response that goes with another one, where that one has changed; else as it is.
+
+    Parameters
+    ----------
+    response, other : Response
+    """
+    if not isinstance(other, LosingHeat):
+        return response
+    rates, weights = (
+        (other.loss_rate, other.loss_fast_rate),
+        (other.loss_slow, other.loss_fast),
+    )
+    to_drive = bool(other.loss_to_drive)
+    return losing(response, rates, other.loss_time_constant, weights, to_drive)
+
+
 def __getattr__(name: str) -> Any:
     """Classes by their name, as pickle asks for them."""
-    if not name.endswith(SUFFIX):
-        raise AttributeError(f"module {__name__!r} has no attribute {name!r}")
-    return response_class(name)
+    if name.endswith(CHANGED):
+        try:
+            return response_class(name)
+        except ModelError:
+            pass
+    raise AttributeError(f"module {__name__!r} has no attribute {name!r}")
