@@ -258,12 +258,13 @@ def diagnose(
 
     # Told once all logs are found fit to judge by: an error is one line.
     remarks: list[str] = []
+    unread: list[str] = []
 
     def judged(each: Data) -> Log:
         # Those of an output are found beside the model, left out and named: the cause `outliers`.
         log = read(each, found.needs(), keep_spikes=outputs, warn=remarks.append, **reading)
         log, dead = _judged_by(log, found)
-        remarks.extend(f"{log.name}: {o}: {why}: it is not judged there" for o, why in dead.items())
+        unread.extend(f"{log.name}: {o}: {why}: it is not judged there" for o, why in dead.items())
         if len(log) < MIN_ROWS:
             few = f"{counted(len(log), 'row')}: too few to judge a model by, {MIN_ROWS} at least"
             raise LogError(few, log.name)
@@ -295,9 +296,10 @@ def diagnose(
     logs, unseen = (placed(group, remarks.append) for group in (logs, unseen))
     calibration = placed(calibration, silent)
     sound = dict(zip(sound, placed(list(sound.values()), silent), strict=True))
-    for remark in remarks:
+    for remark in (*unread, *remarks):
         warn(remark)
     diagnosis = run(found, logs, unseen, progress, calibration, able, sound)
+    diagnosis = replace(diagnosis, notes=(*diagnosis.notes, *unread))
     progress("done\n")
     given = isinstance(model, str | os.PathLike)
     name = os.path.basename(source_name(os.fspath(model))) if given else "<model>"  # type: ignore[arg-type]

@@ -44,7 +44,7 @@ from thermaltool.diagnosis.verdict import (
 from thermaltool.diagnosis.written import account, explained
 from thermaltool.effects.effect import Effect
 from thermaltool.model import Model, with_acting_terms
-from thermaltool.units import parse_channel, printed
+from thermaltool.units import is_absolute, parse_channel, printed
 
 
 def answer(task: DiagnosisTask, first: Hypothesis, search: SearchState) -> Diagnosis:
@@ -124,14 +124,16 @@ def answer(task: DiagnosisTask, first: Hypothesis, search: SearchState) -> Diagn
         return severity_of(extended, cause.effect, full.logs)
 
     resting = _resting(first)
+    heats = [d.channel for d in task.model.drives if not is_absolute(d.channel)]
+    idle = [name for name in resting if name in heats]
     begins = {log.digest: float(log.time[0]) for log in full.logs}
 
     def action(cause: Cause, moved: Mapping[str, Severity]) -> str:
         if cause is unknown and changed is not None:
             return changed
-        if cause is unknown and len(resting) == len(task.model.drives):
+        if cause is unknown and idle and len(idle) == len(heats):
             return (
-                f"{' and '.join(resting)} never {'acts' if len(resting) == 1 else 'act'} in these "
+                f"{' and '.join(idle)} never {'acts' if len(idle) == 1 else 'act'} in these "
                 f"logs, and yet {cause.effect.channel} moves: log what the machine did, or look "
                 "for a source of heat that has no channel"
             )
@@ -178,7 +180,7 @@ def answer(task: DiagnosisTask, first: Hypothesis, search: SearchState) -> Diagn
         (*alternatives, *search.unseen),
         search.tried,
         tuple(dict.fromkeys(search.notes)),
-        with_acting_terms(extended),
+        _settled(extended),
         extended != full.model,
         written.steps,
         written.spoiled,
@@ -187,6 +189,20 @@ def answer(task: DiagnosisTask, first: Hypothesis, search: SearchState) -> Diagn
         tuple(log.digest for log in full.sound),
         rests is not None,
     )
+
+
+def _settled(model: Model) -> Model:
+    """The model with responses that have changed for good, and what changed them where it is from.
+
+    Parameters
+    ----------
+    model : Model
+    """
+    changed = [e.document() for e in model.effects if e.responds and e.log is None]
+    if not changed:
+        return model
+    found = with_acting_terms(model)
+    return replace(found, provenance={**found.provenance, "changed": changed})
 
 
 def _averaged(task: DiagnosisTask) -> Iterator[str]:

@@ -127,14 +127,17 @@ def score(
             for o, gain in zip(outputs, result.gains.tolist(), strict=True)
         }
         idle = [o for o in outputs if o in separate and len(products) > 1 and over[o] < 0]
-        if not idle:
+        if not idle or effect.stands:
             break
         worst = min(idle, key=lambda o: result.gains[outputs.index(o)])
         gone = [n for n in amplitudes if reference_of(n)[1] == worst]
         kept = [n for n in amplitudes if n not in gone]
         effect = effect.without(tuple(gone))
-        fewer = {o: p.of_amplitudes(amplitudes, kept) for o, p in products.items()}
-        products = {o: p for o, p in fewer.items() if len(p.amplitudes)}
+        products = {
+            o: replace(p, amplitudes=np.array([kept.index(amplitudes[a]) for a in p.amplitudes]))
+            for o, p in products.items()
+            if o != worst
+        }
         amplitudes = kept
     # Assumptions differ in what the model may say for itself, of all outputs: they are compared
     # with the present ones.
@@ -202,18 +205,6 @@ class CandidateProducts:
                 C[:, i, j] = projected.own[:, p] if p == q else projected.pairs[pair]
         b = projected.b[:, list(index)]
         return CandidateProducts(b, C, np.array(amplitudes, int), projected.null)
-
-    def of_amplitudes(self, names: Sequence[str], kept: Sequence[str]) -> CandidateProducts:
-        """Products of the signatures of some of a candidate's amplitudes.
-
-        Parameters
-        ----------
-        names, kept : sequence of str
-            What its amplitudes are called, and which ones stay.
-        """
-        here = [k for k, a in enumerate(self.amplitudes) if names[a] in kept]
-        stay = np.array([kept.index(names[self.amplitudes[k]]) for k in here], int)
-        return replace(self, b=self.b[:, here], C=self.C[:, here][:, :, here], amplitudes=stay)
 
     def variance(self, amplitudes: Float, level: int) -> float:
         """White variance that is left with a candidate's amplitudes at one noise level."""

@@ -16,6 +16,7 @@ from thermaltool.diagnosis.residual_budget import (
 from thermaltool.diagnosis.search import HAS_CHANGED
 from thermaltool.diagnosis.state import DiagnosisTask, SearchState
 from thermaltool.diagnosis.verdict import MIN_SHARE_LEFT
+from thermaltool.units import is_absolute
 
 # A response has changed where its drive moves an output by so many times the noise more or less.
 MIN_MOVED = 3.0
@@ -58,6 +59,8 @@ def with_own_change(
     end = np.array([0.0, max(log.duration for log in task.logs)])
     moved: dict[str, tuple[float, str]] = {}
     for old, new in zip(task.model.terms, ended.model.terms, strict=True):
+        if is_absolute(old.drive):  # a room is reached in the end
+            continue
         before, after = (float(term.response.step(end)[-1]) for term in (old, new))
         change = abs(after - before) * ended.simulation.level(old.drive)
         size = change / noise.get(old.output, np.inf)

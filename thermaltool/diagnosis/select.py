@@ -44,6 +44,9 @@ RELATIVE_TOLERANCE, GAIN_TOLERANCE, MAX_TRIALS = 1e-3, 0.05, 30
 MIN_PERIODS = 0.05
 # A displacement is scaled to no less and no more of its trial size.
 MIN_SCALE, MAX_SCALE = 0.1, 5.0
+# A cause with this part of the evidence that free parameters of the model's own have says nearly
+# all that they do.
+NEARLY = 0.9
 
 
 @dataclass(frozen=True)
@@ -75,9 +78,13 @@ class Ranking:
         """Those under which the model itself has decisively more to say than any cause.
 
         None where a cause beside a plainer start, or none, says decisively more than a start: any
-        start follows what is slow.
+        start follows what is slow. None, too, where a cause says nearly all that the model says
+        whose own parameters are free: of two that explain a log alike it is the one with a name.
         """
         best = max(self.alone, key=lambda a: self.alone[a])
+        named = (c.evidence for c in self.fitted if "released" not in c.assumptions)
+        if "released" in best and max(named, default=0.0) > NEARLY * self.alone[best]:
+            return None
         strongest = max((self.beyond(c) for c in self.fitted), default=-np.inf)
         plainer = max(
             (c.evidence for c in self.fitted if is_plainer(c.assumptions, best)), default=0

@@ -315,7 +315,8 @@ class SimulatedLogs:
         -------
         dict of amplitude or parameter to dict of output to list of ndarray
         """
-        found = self.signatures(effect)
+        # What stands is what it is; its amplitudes alone are no cause.
+        found = {"": self.displacement(effect)} if effect.stands else self.signatures(effect)
         # An instant that was found by scanning has no slope.
         searched = () if effect.event else effect.searched()
         if (effect.linear() and searched) or len(searched) > 1:

@@ -6,6 +6,8 @@ from collections.abc import Iterator
 from dataclasses import replace
 from typing import ClassVar, Self
 
+import numpy as np
+
 from thermaltool.effects.effect import Effect, Parameter, Side
 from thermaltool.effects.scene import Scene
 from thermaltool.responses import Response
@@ -15,8 +17,8 @@ from thermaltool.units import is_absolute
 # Factors that are worth a trial.
 TRIALS = (0.6, 0.8, 1.3, 2.0)
 MAX_RATIO = 8.0
-# By which modes of an output come to weigh more.
-WEIGHTS = ("slow", "fast")
+# By which modes of an output come to weigh more, at most for a loss e times as large.
+WEIGHTS, MOST_MIXED = ("slow", "fast"), 3.0
 
 
 class LossChange(Effect):
@@ -36,8 +38,8 @@ class LossChange(Effect):
         "fan has failed, a cover is open, the coolant flows otherwise"
     )
     action: ClassVar[str] = (
-        "look at what cools the machine around {channel} (fans, filters, covers, coolant): heat is "
-        "lost {factor} times as fast as at the calibration; mend it, or calibrate again"
+        "look at what cools the machine, around {channel} first (fans, filters, covers, coolant): "
+        "it loses heat otherwise than at the calibration; mend it, or calibrate again"
     )
     signature: ClassVar[str] = (
         "all outputs reach less, and sooner, or more, and later, by one and the same rate"
@@ -49,8 +51,8 @@ class LossChange(Effect):
         "factor": Parameter("1", neutral=1.0, low=0.1, high=10.0, log=True),
         "time_constant": Parameter("s", fixed=True),
         "ratio": Parameter("1", neutral=1.0, low=0.0, high=MAX_RATIO),
-        "slow": Parameter("1", low=-0.5, high=0.5, linear=True),
-        "fast": Parameter("1", low=-0.5, high=0.5, linear=True),
+        "slow": Parameter("1", linear=True),
+        "fast": Parameter("1", linear=True),
     }
 
     def response(self, response: Response, drive: str, output: str) -> Response:
@@ -69,12 +71,21 @@ class LossChange(Effect):
     def everywhere(self) -> bool:
         return True
 
+    def plausible(self, scene: Scene) -> bool:
+        # Modes mix as far as the loss changes: else they are gains of a drive or of sensors. In a
+        # displacement, where bodies cancel, hardly any of a mode may be left.
+        most = MOST_MIXED * abs(np.log(self.parameters["factor"]))
+        names = [f"{name}[{output}]" for output in scene.sensors() for name in WEIGHTS]
+        mixed = max((abs(self.parameters.get(name, 0.0)) for name in names), default=0.0)
+        return super().plausible(scene) and mixed <= most
+
     @classmethod
     def probes(cls, scene: Scene) -> Iterator[Effect]:
         if not scene.bodies:
             return
-        # That which is read best tells the time constant best.
-        place = max(scene.bodies, key=lambda output: scene.spans[output] / scene.noise[output])
+        # The temperature that is read best tells the time constant best.
+        bodies = [o for o in scene.sensors() if o in scene.bodies] or list(scene.bodies)
+        place = max(bodies, key=lambda output: scene.spans[output] / scene.noise[output])
         weights = dict.fromkeys([f"{name}[{o}]" for o in scene.bodies for name in WEIGHTS], 0.0)
         for log in scene.within_one():
             for factor in TRIALS:

@@ -170,7 +170,7 @@ def inverse_model(
         raise ModelError(f"{place}: {len(found)} responses in sum, of which there is no inverse")
     if not isinstance(term.response, Rational):
         raise ModelError(
-            f"{place}: {term.response.kind} is none of the rational kinds: it has a kernel, --window"
+            f"{place}: {term.response.kind} is none of the rational kinds: use a kernel, --window"
         )
     source = next(o for o in model.outputs if o.channel == term.output)
     given = next(d for d in model.drives if d.channel == term.drive)

@@ -53,11 +53,11 @@ def parameter_sentence(document: Document, cause: Document) -> str:
 
 def _changed(parameters: Mapping[str, Document]) -> str:
     """How fast heat is lost now; by what modes mix besides is below."""
-    factor, before = parameters["factor"], parameters["time_constant"]["value"]
-    value, *ends = estimated(factor["value"], factor["interval"])
-    times = f"{value} ({' to '.join(ends)})" if ends else value
-    after = before / factor["value"]
-    return f"{times} times as fast, a time constant of {duration(before)} is {duration(after)} now"
+    factor, before = (parameters[name]["value"] for name in ("factor", "time_constant"))
+    return (
+        f"about {factor:.2g} times as fast, a time constant of {duration(before)} is about "
+        f"{duration(before / factor)} now"
+    )
 
 
 def _loss(cause: Document, parameters: Mapping[str, Document], outputs: Sequence[str]) -> str:
