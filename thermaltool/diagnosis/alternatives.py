@@ -98,7 +98,9 @@ def indistinguishable(
         now = information.angle([information.of_logs(signatures)], len(signatures))
         beside = any(_same(rival.effect, effect) for effect in named)
         apart = now >= MIN_ANGLE_OF_ANOTHER and beside
-        if now < MAX_ANGLE_ALIKE or (behind < DECISIVE_EVIDENCE and not apart):
+        # One that weighs each output for itself comes near any.
+        alike = now < MAX_ANGLE_ALIKE and not rival.effect.stands
+        if alike or (behind < DECISIVE_EVIDENCE and not apart):
             close.append((now, rival.effect))
     effects = _few_names([chosen.effect, *(effect for _, effect in close)])
     if len(effects) < 2:
