@@ -8,7 +8,7 @@ import pytest
 from thermaltool.diagnosis.diagnose import diagnose
 from thermaltool.fitting.calibrate import calibrate
 from thermaltool.fitting.calibration_plan import CalibrationPlan
-from thermaltool.model import Model
+from thermaltool.model import Model, dumps, loads
 from thermaltool.record import Record
 
 HEAT, ROOM, NEAR, FAR = "P_heater_W", "T_room_degC", "T_near_degC", "T_far_degC"
@@ -106,3 +106,25 @@ def test_films_that_are_not_as_the_bodies_behind_them_in_a_room_that_moves() -> 
     weak = diagnose(model, [two_lumps(6, power=0.8)], [two_lumps(7, power=0.8)])
     assert [cause.effect.name for cause in weak.causes] == ["drive_gain"]
     assert not any("loss_change" in each.names for each in weak.alternatives)
+
+
+@pytest.mark.slow
+def test_a_loss_that_changed_in_one_of_two_logs_is_of_that_log_alone(model: Model) -> None:
+    logs = [fin(3), fin(4, 1.5)]
+    found = diagnose(model, logs)
+    assert [(cause.effect.name, cause.effect.log) for cause in found.causes] == [
+        ("loss_change", logs[1].digest)
+    ]
+    assert all(term.response.kind == "rational3" for term in found.model.terms)
+
+
+@pytest.mark.slow
+def test_a_changed_machine_is_the_one_that_the_written_model_knows(model: Model) -> None:
+    found = diagnose(model, [fin(3, 1.5)])
+    assert found.model.effects == ()
+    assert [each["name"] for each in found.model.provenance["changed"]] == ["loss_change"]
+    changed = loads(dumps(found.model))
+    assert diagnose(changed, [fin(4, 1.5)]).verdict == "adequate"
+    (again,) = diagnose(changed, [fin(5, 1.2)]).causes
+    assert again.effect.name == "loss_change"
+    assert again.effect.parameters["factor"] == pytest.approx(1.2 / 1.5, rel=0.05)

@@ -14,6 +14,8 @@ from thermaltool.responses import Response
 from thermaltool.responses.losing import losing
 from thermaltool.units import is_absolute
 
+# Least noise of a reading.
+TINY = 1e-12
 # Factors that are worth a trial.
 TRIALS = (0.6, 0.8, 1.3, 2.0)
 MAX_RATIO = 8.0
@@ -85,7 +87,7 @@ class LossChange(Effect):
             return
         # The temperature that is read best tells the time constant best.
         bodies = [o for o in scene.sensors() if o in scene.bodies] or list(scene.bodies)
-        place = max(bodies, key=lambda output: scene.spans[output] / scene.noise[output])
+        place = max(bodies, key=lambda output: scene.spans[output] / max(scene.noise[output], TINY))
         weights = dict.fromkeys([f"{name}[{o}]" for o in scene.bodies for name in WEIGHTS], 0.0)
         for log in scene.within_one():
             for factor in TRIALS:
