@@ -14,7 +14,7 @@ import numpy as np
 
 from thermaltool.errors import ModelError
 from thermaltool.model import Model, Term
-from thermaltool.responses.losing import LosingHeat, losing_alike
+from thermaltool.responses.losing import before_loss, losing_alike
 from thermaltool.responses.modes import Complex, Float, Modes, Range
 
 
@@ -101,8 +101,7 @@ def is_bank(term: Term) -> bool:
     ----------
     term : Term
     """
-    before = term.response.before_loss if isinstance(term.response, LosingHeat) else term.response
-    return isinstance(before, LagBank)
+    return isinstance(before_loss(term.response), LagBank)
 
 
 def known_discrepancy(model: Model, output: str) -> Mapping[str, Any]:

@@ -15,7 +15,7 @@ from thermaltool.effects.convection_state import ConvectionState
 from thermaltool.errors import ModelError
 from thermaltool.model.document import Model, Term
 from thermaltool.responses import Response
-from thermaltool.responses.losing import LosingHeat
+from thermaltool.responses.losing import LosingHeat, before_loss
 from thermaltool.signals.intervals import Estimate, log_normal_estimate, normal_estimate
 from thermaltool.units import parse_channel, per, printed
 
@@ -286,22 +286,20 @@ def _since_change(of: Callable[[Any], float], response: LosingHeat) -> float:
 
 
 def _oscillations(term: Term) -> Iterator[OscillatoryMode]:
-    response = term.response
-    changed = isinstance(response, LosingHeat)
-    before: Any = response.before_loss if isinstance(response, LosingHeat) else response
+    response, before = term.response, before_loss(term.response)
     names = [name for name in before.searched if name.startswith("omega")]
     for name in sorted(names, key=lambda each: float(getattr(before, each))):
-        pair = partial(_pair, name, changed)
+        pair = partial(_pair, name)
         damping = normal_estimate(_damping(pair, response), _error(term, partial(_damping, pair)))
         yield OscillatoryMode(_positive(term, partial(_period, pair), "s"), damping)
 
 
-def _pair(name: str, changed: bool, response: Any) -> tuple[float, float]:
+def _pair(name: str, response: Any) -> tuple[float, float]:
     """Natural frequency [rad/s] and damping ratio of a pair of poles."""
-    before = response.before_loss if changed else response
+    before = before_loss(response)
     omega = float(getattr(before, name))
     zeta = float(getattr(before, name.replace("omega", "zeta")))
-    if not changed:
+    if before is response:
         return omega, zeta
     rate = 1.0 / response.changed(1.0 / (zeta * omega))
     frequency = float(np.hypot(rate, omega * np.sqrt(1.0 - zeta**2)))

@@ -168,6 +168,16 @@ class LosingHeat:
         return {name: value for name, value in fixed.items() if name in cls.before.fixed}
 
 
+def before_loss(response: Response) -> Any:
+    """What a response was before its machine came to lose heat otherwise; itself where it did not.
+
+    Parameters
+    ----------
+    response : Response
+    """
+    return response.before_loss if isinstance(response, LosingHeat) else response
+
+
 @lru_cache
 def losing_kind(before: Any) -> Any:
     """The class of a kind of response where heat has come to be lost otherwise.
@@ -223,14 +233,13 @@ def losing(
         By which part slow and fast modes weigh more.
     to_drive : bool
     """
-    before: Any = response
+    before = before_loss(response)
     (slow, fast), (slower, faster) = weights, rates
     if isinstance(response, LosingHeat):
-        before, first = response.before_loss, response
-        slower, faster = first.loss_rate + slower, first.loss_fast_rate + faster
-        slow = (1.0 + first.loss_slow) * (1.0 + slow) - 1.0
-        fast = (1.0 + first.loss_fast) * (1.0 + fast) - 1.0
-        time_constant = first.loss_time_constant
+        slower, faster = response.loss_rate + slower, response.loss_fast_rate + faster
+        slow = (1.0 + response.loss_slow) * (1.0 + slow) - 1.0
+        fast = (1.0 + response.loss_fast) * (1.0 + fast) - 1.0
+        time_constant = response.loss_time_constant
     kind = losing_kind(before.__class__)
     known = {each.name: getattr(before, each.name) for each in fields(before)}
     found: Response = kind(
