@@ -61,7 +61,9 @@ def record(run: Run, rows: int) -> Record:
 
 
 def names(run: Run) -> tuple[list[str], list[str]]:
-    return [f"Q_{k}_W" for k in range(len(run.u))], [f"dT_{k}_K" for k in range(len(run.y))]
+    drive, output = ("Q_{}_W", "dT_{}_K") if run.heat else ("U_{}_V", "d_{}_mm")
+    ins, outs = range(len(run.u)), range(len(run.y))
+    return [drive.format(k) for k in ins], [output.format(k) for k in outs]
 
 
 def held_fits(run: Run, computed: Array, rows: int) -> list[float]:

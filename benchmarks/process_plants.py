@@ -28,6 +28,8 @@ class Run:
         Outputs without and with noise.
     direct : bool
         Whether an output follows an input at once.
+    heat : bool
+        Whether the channels are heats and temperatures; else voltages and displacements.
     """
 
     period: float
@@ -35,6 +37,7 @@ class Run:
     clean: Array
     y: Array
     direct: bool = False
+    heat: bool = True
 
 
 def _steps(rng: np.random.Generator, inputs: int, rows: int, shortest: int, longest: int) -> Array:
@@ -250,7 +253,7 @@ def crane(rng: np.random.Generator) -> Run:
     A = np.array([[-0.02, 0, 0], [0, 0, 1], [omega**2, -(omega**2), -0.04 * omega]])
     x = _linear(A, np.array([[0.02], [0], [0]]), u, 1.0)
     clean = x[:, [1]].T
-    return Run(1.0, u, clean, _noisy(rng, clean, 0.1))
+    return Run(1.0, u, clean, _noisy(rng, clean, 0.1), heat=False)
 
 
 PLANTS: dict[str, Callable[[np.random.Generator], Run]] = {

@@ -152,3 +152,26 @@ def test_readings_in_bursts_are_validated_one_by_one():
     run = tt.simulate(found.model, log, initial=held.initial, start=held.start)
     printed = fit.validation.carried_on.fit_percent
     assert run.agreements["T_frame_degC"].fit_percent == pytest.approx(printed, abs=1e-6)
+
+
+@pytest.mark.parametrize(
+    "options", [{"orders": [(1, 1, 1)]}, STRUCTURES["network"], STRUCTURES["subspace"]]
+)
+def test_outputs_tell_together_when_a_command_has_changed_in_a_pause(options):
+    """The motor shows it, the displacement behind it hardly: one instant holds for both."""
+    log = machine(21)
+    rng = np.random.default_rng(20261129)
+    pole = np.exp(-5.0 / 30.0)
+    motor = lfilter([0.0, 20.0 * (1 - pole)], [1.0, -pole], log["Q_main_W"])
+    log["T_motor_degC"] = 25.0 + motor + rng.normal(0, 0.1, len(log))
+    # 300 s around a step of the command, right before the rows that are held out.
+    log = log.drop(index=range(690, 745))
+    log["d_z_um"] += rng.normal(0, 3.0, len(log))
+    outputs = ["T_motor_degC", "d_z_um"]
+    found = tt.identify(log, "Q_main_W", outputs, split=0.63, warn=lambda message: None,
+                        **options)  # fmt: skip
+    for fit in found.fits:
+        (held,) = fit.validation.logs
+        run = tt.simulate(found.model, log, initial=held.initial, start=held.start)
+        printed = fit.validation.carried_on.fit_percent
+        assert run.agreements[fit.model.target].fit_percent == pytest.approx(printed, abs=1e-6)

@@ -278,7 +278,7 @@ def _planned(
     for k, (data, own) in enumerate(zip(sets, held, strict=True)):
         plan.budget.begin(len(sets) - k)
         used, found = _judged(
-            data, plan, own, reference, as_read[: len(logs)], as_read[len(logs) :]
+            data, plan, own, reference, outputs, as_read[: len(logs)], as_read[len(logs) :]
         )
         fits += found
         fitted.append((used, tuple(fit.model for fit in found)))
@@ -290,6 +290,7 @@ def _judged(
     plan: Plan,
     fresh: TrainingData | None,
     reference: Reference | None,
+    outputs: Sequence[str],
     logs: Sequence[Record],
     fresh_logs: Sequence[Record],
 ) -> tuple[TrainingData, list[Fit]]:
@@ -319,15 +320,13 @@ def _judged(
         )  # fmt: skip
         whole = _document(fit, reference)
         if split is not None:
-            fit = replace(
-                fit,
-                validation=validate(
-                    model, split.only(k), whole, [logs[n] for n in split.data.logs], plan.span
-                ),
-            )
+            own_logs = [logs[n] for n in split.data.logs]
+            held = validate(model, split.only(k), whole, own_logs, plan.span, outputs)
+            fit = replace(fit, validation=held)
         elif fresh is not None:
-            held, used = fresh.only(k), [fresh_logs[n] for n in fresh.logs]
-            fit = replace(fit, validation=validate_on(model, held, whole, used, plan.span))
+            own_logs = [fresh_logs[n] for n in fresh.logs]
+            held = validate_on(model, fresh.only(k), whole, own_logs, plan.span, outputs)
+            fit = replace(fit, validation=held)
         fits.append(fit)
     return data, fits
 

@@ -110,7 +110,12 @@ class Validation:
 
 
 def validate(
-    model: OutputModel, split: Split, whole: Model | None, logs: Sequence[Record], span: Span
+    model: OutputModel,
+    split: Split,
+    whole: Model | None,
+    logs: Sequence[Record],
+    span: Span,
+    outputs: Sequence[str],
 ) -> Validation:
     """How a model does on the held-out rows of the logs that it was fitted to.
 
@@ -125,6 +130,8 @@ def validate(
         Each an experiment of the split, with the rows beside the span.
     span : (float or None, float or None) [s]
         What was fitted and is judged.
+    outputs : sequence of str
+        All that are identified: together they tell when a command has changed in a pause.
 
     Raises
     ------
@@ -143,7 +150,8 @@ def validate(
     ]
     # As simulate counts it a displacement has a zero of its own, which is not that of the fit.
     zero: Zero = "free" if is_displacement(model.target) else "fitted"
-    return _judged(model, held, zero, rows, whole, lambda: model.carried_on(split), True)
+    runs = None if whole is None else _simulated(whole, model.target, rows, outputs)
+    return _judged(model, held, zero, rows, runs, lambda: model.carried_on(split), True)
 
 
 def validate_on(
@@ -152,6 +160,7 @@ def validate_on(
     whole: Model | None,
     logs: Sequence[Record],
     span: Span,
+    outputs: Sequence[str],
 ) -> Validation:
     """The same on other logs, in which a displacement has a zero of its own.
 
@@ -163,6 +172,7 @@ def validate_on(
     whole : Model or None
     logs : sequence of Record
     span : (float or None, float or None) [s]
+    outputs : sequence of str
 
     Raises
     ------
@@ -170,38 +180,39 @@ def validate_on(
     """
     zero: Zero = "free" if is_displacement(model.target) else "mean"
     rows = [HeldOut(log, "auto", *span) for log in logs]
+    runs = None if whole is None else _simulated(whole, model.target, rows, outputs)
     return _judged(
-        model, fresh, zero, rows, whole, lambda: model.run(fresh.from_rest(), zero), False
+        model, fresh, zero, rows, runs, lambda: model.run(fresh.from_rest(), zero), False
     )
 
 
 Run = tuple[Array, Array]
 
 
-def _simulated(whole: Model, target: str, rows: Sequence[HeldOut]) -> list[Run] | None:
+def _simulated(
+    whole: Model, target: str, rows: Sequence[HeldOut], outputs: Sequence[str]
+) -> list[Run] | None:
     """As measured and as simulated, for each log; None where one cannot be simulated."""
     found = []
     for each in rows:
         log, time = each.log, each.log.time
         if not all(np.isfinite(log.column(drive.channel)).all() for drive in whole.drives):
             return None
-        start = -np.inf if each.start is None else each.start
+        # Without rows before those that are judged these say how the log begins.
+        first = np.inf if each.start is None else each.start
         # As simulate does: rows that are judged do not say when a command has changed in a pause.
-        known = np.where(time < (np.inf if each.start is None else each.start),
-                         log.column(target), np.nan)  # fmt: skip
-        switches = switches_of(
-            log.with_columns({target: known}), [drive.channel for drive in whole.drives], [target]
-        )
-        log = with_switch_rows(log, switches, [target])
+        known = {name: np.where(time < first, log.column(name), np.nan) for name in outputs}
+        drives = [drive.channel for drive in whole.drives]
+        log = with_switch_rows(log, switches_of(log.with_columns(known), drives, outputs), outputs)
         read, time = np.isin(log.time, time), log.time
         try:
             run = whole.simulate(log)
-            # Without rows before those that are judged these say how the log begins.
-            before = time < (np.inf if each.start is None else each.start)
-            own = started_outputs(whole, log, run, each.initial, before)[target]
+            own = started_outputs(whole, log, run, each.initial, time < first)[target]
         except (LogError, ModelError):
             return None
-        judged = read & (time >= start) & (time <= (np.inf if each.stop is None else each.stop))
+        low = -np.inf if each.start is None else each.start
+        high = np.inf if each.stop is None else each.stop
+        judged = read & (time >= low) & (time <= high)
         found.append((log.column(target)[judged], own.computed[judged] + own.zero.value))
     return found
 
@@ -218,7 +229,7 @@ def _judged(
     held: TrainingData,
     zero: Zero,
     rows: Sequence[HeldOut],
-    whole: Model | None,
+    simulated: list[Run] | None,
     run: Callable[[], Array],
     is_split: bool,
 ) -> Validation:
@@ -233,8 +244,7 @@ def _judged(
             f"{model.target}: {sum(readings)} validation rows{apart} are too few for the delays, a "
             f"state of order {model.order} at their start and a judgement"
         )
-    runs = None if whole is None else _simulated(whole, model.target, rows)
-    runs = runs or _of_experiments(held, run())
+    runs = simulated or _of_experiments(held, run())
     logs = tuple(
         replace(each, fit_percent=agreement(*run).fit_percent)
         for each, run in zip(rows, runs, strict=True)
