@@ -19,6 +19,7 @@ from scipy.linalg import block_diag
 from thermaltool.diagnosis.assumptions import Assumptions
 from thermaltool.diagnosis.correction import known_discrepancy
 from thermaltool.diagnosis.held_effects import accepted_effects, calibrated_effects
+from thermaltool.diagnosis.priors import Prior, root_of
 from thermaltool.diagnosis.readings import as_readings, stand_still
 from thermaltool.diagnosis.simulation import Series, SimulatedLogs
 from thermaltool.diagnosis.starts import decays_of, mode_starts, uniform_starts
@@ -26,6 +27,7 @@ from thermaltool.diagnosis.switching import earlier_of, instants_of
 from thermaltool.effects.dynamics import lagged
 from thermaltool.effects.effect import Float
 from thermaltool.model import Model
+from thermaltool.responses import Response
 from thermaltool.signals.detrend import difference_sigma
 from thermaltool.signals.row_groups import RowGroups
 
@@ -42,8 +44,8 @@ MIN_CHANGE = 0.1
 # The noise of a sensor that repeats readings may be smaller by this factor than at the calibration;
 # where nothing is known of it, it is no smaller than this share of the residual.
 MIN_NOISE_RATIO, MIN_NOISE_SHARE = 0.7, 1e-3
-# Smallest white noise [unit of the channel], and eigenvalue of a scaled covariance.
-MIN_WHITE, MIN_EIGENVALUE = 1e-12, 1e-12
+# Smallest white noise [unit of the channel].
+MIN_WHITE = 1e-12
 # Relative move of an own parameter from which its slope is taken.
 OWN_MOVE = 1e-3
 
@@ -63,25 +65,6 @@ class OwnParameter:
     term: int
     name: str
     log: bool
-
-
-@dataclass(frozen=True)
-class Prior:
-    """A Gaussian prior of the moves of an output.
-
-    Attributes
-    ----------
-    root : ndarray, shape (p + q, r)
-        Root of the covariance: what each coordinate of variance one moves.
-    centre : ndarray, shape (r,)
-        Where the model stands in it.
-    inverse : ndarray, shape (r, p + q)
-        From moves to coordinates.
-    """
-
-    root: Float
-    centre: Float
-    inverse: Float
 
 
 @dataclass(frozen=True, eq=False)
@@ -199,7 +182,8 @@ class OutputNuisance:
     def _slope(self, k: int, own: OwnParameter) -> Series:
         """Change of the output per unit of its parameter `k`."""
         steps = np.zeros(len(self.own))
-        steps[k] = OWN_MOVE * (1.0 if own.log else self._gain_scale(own))
+        response = self.simulation.model.terms[own.term].response
+        steps[k] = OWN_MOVE * (1.0 if own.log else _gain_scale(response))
         try:
             model = self.moved(steps)
         except ValueError:  # at the end of its range: the other way
@@ -207,11 +191,6 @@ class OutputNuisance:
             model = self.moved(steps)
         moved = model.terms[own.term].response
         return self.simulation.slopes.of_term(own.term, own.name, moved, float(steps[k]))
-
-    def _gain_scale(self, own: OwnParameter) -> float:
-        response = self.simulation.model.terms[own.term].response
-        gains = [abs(getattr(response, name)) for name in response.gains]
-        return max(gains) or 1.0
 
     @cached_property
     def lags(self) -> list[Series]:
@@ -299,11 +278,11 @@ class OutputNuisance:
             at = np.append(at, np.zeros(q))
             size = np.append(size, np.broadcast_to(known["lag_sigma"], q))
         columns = as_readings(self.simulation, self.output, self.moves)
-        root = _root(covariance, size)
+        root = root_of(covariance, size)
         if spread := known.get("spread"):
             # Which of several fits is true the calibration could not tell.
             differ = np.pad(np.array(spread), ((0, 0), (len(own), 0)))
-            root = _root(root @ root.T + differ.T @ differ / len(differ), size, np.inf)
+            root = root_of(root @ root.T + differ.T @ differ / len(differ))
         changes = columns @ root
         changes = changes - changes.mean(axis=0)
         values, vectors = np.linalg.eigh(changes.T @ changes)
@@ -323,7 +302,24 @@ class OutputNuisance:
 
     def wide(self, own: Sequence[OwnParameter]) -> Float:
         """How far own parameters may be from the calibration at most, shape (p,)."""
-        return np.array([WIDE_LOG if e.log else WIDE_GAIN * self._gain_scale(e) for e in own])
+        sizes = self._gain_sizes
+        return np.array([WIDE_LOG if e.log else WIDE_GAIN * sizes[e.term, e.name] for e in own])
+
+    @cached_property
+    def _gain_sizes(self) -> dict[tuple[int, str], float]:
+        """Of each gain what makes as much as the strongest one of its response does.
+
+        Gains of one response may differ in unit, as A and D of A a/(s + a) + D s/(s + d)².
+        """
+        slopes = [float(np.sqrt(np.mean(np.concatenate(s) ** 2))) for s in self.sensitivities]
+        makes = {(e.term, e.name): s for e, s in zip(self.own, slopes, strict=True) if not e.log}
+        sizes = {}
+        for (term, name), slope in makes.items():
+            response = self.simulation.model.terms[term].response
+            most = max(abs(getattr(response, n)) * makes[term, n] for n in response.gains)
+            known = most > 0 and slope > 0
+            sizes[term, name] = most / slope if known else _gain_scale(response)
+        return sizes
 
     def _calibrated_covariance(self, own: Sequence[OwnParameter]) -> Float:
         """Covariance of some parameters of one term, by the fit alone."""
@@ -388,8 +384,6 @@ def _apart(lags: Sequence[tuple[str, float]]) -> list[int]:
     return kept
 
 
-def _root(covariance: Float, size: Float, most: float = 1.0) -> Float:
-    """A root of a covariance; no wider than so many times `size`, never exactly known."""
-    scaled = covariance / np.outer(size, size)
-    values, vectors = np.linalg.eigh((scaled + scaled.T) / 2)
-    return np.asarray(size[:, None] * vectors * np.sqrt(np.clip(values, MIN_EIGENVALUE, most**2)))
+def _gain_scale(response: Response) -> float:
+    """Largest gain of a response; one where all are zero."""
+    return max(abs(getattr(response, name)) for name in response.gains) or 1.0

@@ -32,8 +32,8 @@ LAG_SIZES = (0.03, 0.1, 0.3, 1.0, 3.0, 10.0, 30.0, 100.0, 300.0, 1000.0)
 DRIFT_RATIOS = (0.0, 0.01, 0.03, 0.1, 0.3, 1.0, 3.0)
 DRIFT_TIMES = 5
 # Prior standard deviation of a parameter's move: so many times what the noise leaves open of it,
-# but no less than the first and no more than the second share of its size, so that moves stay
-# within what is linear; the lags say the rest.
+# but no less than the first and no more than the second share of its size, nor more than what is
+# linear to within the noise; the lags say the rest.
 MOVE_ERRORS, PARAMETER_MOVES = 3.0, (0.003, 0.3)
 # A calibration that leaves more than this many times the noise of a reading has an error of
 # structure, and is no measure of what is wrong with a machine.
@@ -169,7 +169,10 @@ def discrepancy(
     prior[:p] = (white / (PARAMETER_MOVES[1] * span)) ** 2
     bare = _inverse(gram[np.ix_(lagless, lagless)], np.delete(prior, slice(p, p + q)))
     errors = white * np.sqrt(np.maximum(np.diag(bare)[:p], 0.0)) / span
-    prior[:p] = (white / (np.clip(MOVE_ERRORS * errors, *PARAMETER_MOVES) * span)) ** 2
+    least, most = PARAMETER_MOVES
+    linear = _linear_moves(own * span, white)
+    moves = np.clip(MOVE_ERRORS * errors, np.minimum(least, linear), np.minimum(most, linear))
+    prior[:p] = (white / (moves * span)) ** 2
     inverse = _inverse(gram, prior)
     keep, fit = slice(0, p + q), slice(1, 1 + p + q)
     mean = inverse @ gram[1:, 0]
@@ -228,6 +231,16 @@ def _sizes(own: Float, gains: Float, levels: Float) -> Float:
     makes = _largest(own[:, first:], levels)
     most = max(float(np.max(makes * np.abs(gains), initial=0.0)), 1e-300)
     return np.append(np.ones(first), most / makes)
+
+
+def _linear_moves(makes: Float, white: float) -> Float:
+    """Moves [1] whose second order is no more than the noise, shape (p,).
+
+    Of a rate by its logarithm, or of a gain beside one, it is about half of the square of the move
+    times what the parameter makes, column by column.
+    """
+    size = np.sqrt(np.mean(np.square(makes), axis=0))
+    return np.asarray(np.sqrt(2 * white / np.maximum(size, 1e-300)))
 
 
 def _beside(gram: Float, first: int, count: int, size: float) -> tuple[Float, float]:
