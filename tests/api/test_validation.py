@@ -164,7 +164,7 @@ def test_outputs_tell_together_when_a_command_has_changed_in_a_pause(options):
     pole = np.exp(-5.0 / 30.0)
     motor = lfilter([0.0, 20.0 * (1 - pole)], [1.0, -pole], log["Q_main_W"])
     log["T_motor_degC"] = 25.0 + motor + rng.normal(0, 0.1, len(log))
-    # 300 s around a step of the command, right before the rows that are held out.
+    # 280 s around a step of the command, 155 s before the rows that are held out.
     log = log.drop(index=range(690, 745))
     log["d_z_um"] += rng.normal(0, 3.0, len(log))
     outputs = ["T_motor_degC", "d_z_um"]
