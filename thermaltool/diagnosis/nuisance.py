@@ -32,7 +32,7 @@ from thermaltool.signals.detrend import difference_sigma
 from thermaltool.signals.row_groups import RowGroups
 
 # A wide prior: what a parameter may be where nothing was calibrated before. Of a logarithm, and
-# of a gain relative to the response's largest one.
+# of a gain relative to what makes as much as the strongest of its response.
 WIDE_LOG, WIDE_GAIN = 1.0, 1.0
 # Where a model is free, its lags are so many times apart.
 MIN_LAG_RATIO = 3.0
