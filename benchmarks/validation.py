@@ -25,6 +25,7 @@ os.environ["OMP_NUM_THREADS"] = os.environ["OPENBLAS_NUM_THREADS"] = "1"
 
 import numpy as np
 import pandas as pd
+from identify_process import names
 from process_plants import PLANTS
 
 import thermaltool as tt
@@ -95,8 +96,7 @@ def interrupted(folder: Path, seed: int) -> Iterator[Case]:
         rng = np.random.default_rng(seed)
         run = PLANTS[name](rng)
         rows = min(run.y.shape[1], MADE_ROWS)
-        ins, outs = ([f"{what}_{k}_{unit}" for k in range(len(values))]
-                     for what, unit, values in (("Q", "W", run.u), ("dT", "K", run.y)))  # fmt: skip
+        ins, outs = names(run)
         whole = pd.DataFrame(np.vstack([run.u, run.y])[:, :rows].T, columns=[*ins, *outs])
         whole.insert(0, "time_s", run.period * np.arange(rows))
 

@@ -9,6 +9,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
+from functools import partial
 from typing import Any
 
 import numpy as np
@@ -150,8 +151,8 @@ def validate(
     ]
     # As simulate counts it a displacement has a zero of its own, which is not that of the fit.
     zero: Zero = "free" if is_displacement(model.target) else "fitted"
-    runs = None if whole is None else _simulated(whole, model.target, rows, outputs)
-    return _judged(model, held, zero, rows, runs, lambda: model.carried_on(split), True)
+    simulated = partial(_simulated, whole, model.target, rows, outputs)
+    return _judged(model, held, zero, rows, simulated, lambda: model.carried_on(split), True)
 
 
 def validate_on(
@@ -180,9 +181,9 @@ def validate_on(
     """
     zero: Zero = "free" if is_displacement(model.target) else "mean"
     rows = [HeldOut(log, "auto", *span) for log in logs]
-    runs = None if whole is None else _simulated(whole, model.target, rows, outputs)
+    simulated = partial(_simulated, whole, model.target, rows, outputs)
     return _judged(
-        model, fresh, zero, rows, runs, lambda: model.run(fresh.from_rest(), zero), False
+        model, fresh, zero, rows, simulated, lambda: model.run(fresh.from_rest(), zero), False
     )
 
 
@@ -190,9 +191,11 @@ Run = tuple[Array, Array]
 
 
 def _simulated(
-    whole: Model, target: str, rows: Sequence[HeldOut], outputs: Sequence[str]
+    whole: Model | None, target: str, rows: Sequence[HeldOut], outputs: Sequence[str]
 ) -> list[Run] | None:
     """As measured and as simulated, for each log; None where one cannot be simulated."""
+    if whole is None:
+        return None
     found = []
     for each in rows:
         log, time = each.log, each.log.time
@@ -229,7 +232,7 @@ def _judged(
     held: TrainingData,
     zero: Zero,
     rows: Sequence[HeldOut],
-    simulated: list[Run] | None,
+    simulated: Callable[[], list[Run] | None],
     run: Callable[[], Array],
     is_split: bool,
 ) -> Validation:
@@ -244,7 +247,7 @@ def _judged(
             f"{model.target}: {sum(readings)} validation rows{apart} are too few for the delays, a "
             f"state of order {model.order} at their start and a judgement"
         )
-    runs = simulated or _of_experiments(held, run())
+    runs = simulated() or _of_experiments(held, run())
     logs = tuple(
         replace(each, fit_percent=agreement(*run).fit_percent)
         for each, run in zip(rows, runs, strict=True)
