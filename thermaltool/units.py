@@ -272,6 +272,11 @@ def counts_from_first(channel: str) -> bool:
     return is_displacement(channel) or drive_reference(channel) == "first"
 
 
+def source_rest(channel: str) -> Reference:
+    """Where a channel adds nothing: a temperature and a displacement at first, all else at 0."""
+    return "first" if is_temperature(channel) or is_displacement(channel) else 0.0
+
+
 def clock_unit(names: Container[str]) -> str | None:
     """The unit of the clock among column names: of ``time_<unit>``, "iso" for ``time``, or None."""
     for unit, (dimension, _) in UNITS.items():

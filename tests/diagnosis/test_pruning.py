@@ -65,7 +65,7 @@ def test_a_model_that_is_not_written_says_nothing_of_its_causes(monkeypatch):
     gain = effect_class("sensor_gain")(Z, {"gain": 1.5}, "log")
     search = found(gain, source(ONE, -300.0), truth=(gain,))
     assert [cause.effect for cause in search.causes] == [gain]
-    assert search.notes == ("second_source is left out: with it a log would be worse",)
+    assert search.notes == (f"second_source is left out: with it {Z} in <record> would be worse",)
 
 
 @pytest.mark.slow

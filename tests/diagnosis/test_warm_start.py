@@ -5,8 +5,10 @@ from __future__ import annotations
 from dataclasses import replace
 
 import numpy as np
+import pandas as pd
 import pytest
 
+import thermaltool as tt
 from thermaltool.diagnosis.hypothesis import Hypothesis
 from thermaltool.diagnosis.select import fit_candidate, scan
 from thermaltool.diagnosis.state import WITHIN_CALIBRATION
@@ -86,3 +88,53 @@ def test_modes_that_two_responses_share_or_no_row_shows_are_no_columns() -> None
     # Four modes and the sum of all; of the other response none is left.
     assert table.shape == (ROWS, 5)
     assert np.linalg.cond(table / np.max(np.abs(table), axis=0)) < 1e6
+
+
+def pumped(seed: int, gain: float, before: float, first: int = 0) -> pd.DataFrame:
+    """A log of two outputs by exact steps of their lags, beside a pump that warms both.
+
+    `before` is the part of the way to its steady state that the pump and the heater have come at
+    the first row; `first` is whether the pump runs there.
+    """
+    draw = np.random.default_rng(seed)
+    heat = np.repeat(draw.choice([0.0, 60.0, 120.0, 200.0], 30), 20)
+    pump = np.roll(np.repeat([1 - first, first, 1 - first, first], 150), 150).astype(float)
+
+    def late(series: np.ndarray, tau: float, start: float) -> np.ndarray:
+        kept = np.exp(-30.0 / tau)
+        state, found = start, []
+        for value in series:
+            found.append(state)
+            state = kept * state + (1 - kept) * value
+        return np.array(found)
+
+    frame = {"time_s": 30.0 * np.arange(600), "Q_heater_W": heat, "x_pump_1": pump}
+    for output, zero, of_heat, tau, of_pump, sigma in (
+        ("T_column_degC", 20.0, 0.05, 900.0, gain, 0.02),
+        ("d_z_um", 0.0, 0.2, 2400.0, 4.0 * gain, 0.2),
+    ):
+        moved = late(of_heat * heat, tau, before * 100.0 * of_heat)
+        moved = moved + late(of_pump * pump, 1500.0, before * of_pump)
+        frame[output] = zero + moved + sigma * draw.standard_normal(600)
+    return pd.DataFrame(frame)
+
+
+@pytest.mark.slow
+# A source that is on before the log has a past, which the search takes in part for a slower lag.
+@pytest.mark.parametrize(("first", "left"), [(0, 0.03), (1, 0.1)])
+def test_a_source_is_told_and_written_where_logs_begin_warm(first: int, left: float) -> None:
+    calibration = pumped(1, 0.0, 0.0)
+    outputs = {"sensors": ["T_column_degC"], "deflections": ["d_z_um"]}
+    model = tt.calibrate(calibration, ["Q_heater_W"], **outputs).model
+    logs = [pumped(2, 1.5, 0.6 * first, first), pumped(3, 1.5, 0.8, first)]
+    found = tt.diagnose(model, logs[0], validate=[logs[1]], warn=lambda message: None)
+    assert [c.effect.name for c in found.diagnosis.causes] == ["second_source"]
+    (cause,) = found.diagnosis.causes
+    assert cause.effect.channel == "x_pump_1"
+    assert "rest" not in cause.effect.parameters
+    if not first:
+        assert cause.effect.parameters["gain[T_column_degC]"] == pytest.approx(1.5, rel=0.05)
+    assert found.diagnosis.spoiled is None
+    told = tt.simulate(found.model, logs[1], warn=lambda message: None).agreements
+    assert told["T_column_degC"].rmse < left
+    assert told["d_z_um"].rmse < 1.5 * 0.2

@@ -201,8 +201,9 @@ def test_units_are_known(name):
             assert above in UNITS
             assert not below or below in UNITS
     # Every parameter that is documented is used by some form of the cause; `contact` by those that
-    # a calibration finds.
-    optional = {"stop", "contact", *(n for n in effect_class(name).known if n[-1].isdigit())}
+    # a calibration finds, `rest` where a log begins with the source on.
+    numbered = {n for n in effect_class(name).known if n[-1].isdigit()}
+    optional = {"stop", "contact", "rest", *numbered}
     assert set(effect_class(name).known) - used <= optional
 
 

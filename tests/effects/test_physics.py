@@ -385,6 +385,21 @@ def test_a_second_source_is_another_first_order_response():
     assert (logged.unit(f"gain[{X}]"), latent.unit(f"gain[{X}]")) == ("um/1", "um")
 
 
+@pytest.mark.parametrize(("rest", "share"), [(None, 1.0), (0.6, 0.0), (0.9, -0.5)])
+def test_a_power_that_is_on_as_a_log_begins_heats_from_there(rest, share):
+    own = {f"gain[{X}]": 4.0} | ({} if rest is None else {"rest": rest})
+    source = make("second_source", BEARING, time_constant=350.0, **own)
+    y = run([source], 0.0, **{BEARING: np.full(len(TIME), 0.6)})
+    expected = share * 0.6 * first_order(4.0, 1 / 350).step(TIME)
+    np.testing.assert_allclose(y[X], expected, atol=1e-9)
+
+
+def test_a_temperature_warms_by_its_changes_alone():
+    source = make("second_source", "T_lid_degC", time_constant=350.0, **{f"gain[{X}]": 4.0})
+    y = run([source], 0.0, T_lid_degC=np.full(len(TIME), 31.0))
+    np.testing.assert_array_equal(y[X], 0.0)
+
+
 def test_the_structure_follows_a_daily_swing_of_the_air_smaller_and_later():
     tau, omega, gain = 400.0, 2 * np.pi / 1200, 3.0
     air = 20 + 2 * np.sin(omega * TIME)

@@ -62,6 +62,9 @@ LAG = effect("sensor_lag", NEAR, time_constant=120.0)
 BEARING_HEAT = effect(
     "second_source", BEARING, gain__dT_near_K=3.0, gain__d_x_um=20.0, time_constant=300.0
 )
+RESTING_HEAT = effect(
+    "second_source", BEARING, gain__dT_near_K=3.0, gain__d_x_um=20.0, time_constant=300.0, rest=0.25
+)
 AMBIENT = effect("ambient_drift", AIR, gain__T_column_degC=0.8, gain__d_y_um=6.0,
                  time_constant=500.0)  # fmt: skip
 PART_WARM = effect("part_temperature", PART, coefficient__d_y_um=4.0)
@@ -91,6 +94,7 @@ SUPPORTED = {
     "lag": (LAG,),
     "lag, then conversion": (LAG, CONVERSION),
     "second source": (BEARING_HEAT,),
+    "second source with a rest": (RESTING_HEAT,),
     "second source, lag, gain": (BEARING_HEAT, LAG, GAIN),
     "ambient": (AMBIENT,),
     "part": (PART_WARM,),

@@ -7,6 +7,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
+from thermaltool.effects import effect_class
 from thermaltool.errors import LogError
 from thermaltool.model import Drive, Model, Output, Term, agreements, started_outputs
 from thermaltool.record import Record
@@ -74,6 +75,30 @@ def test_a_warm_machine_is_found_and_its_start_estimated():
     # A zero that the model states is no part of the start.
     assert begins(warm)[0][T].zero.value == 20.0
     assert begins(warm)[0][Z].zero.value == pytest.approx(300.0, abs=0.2)
+
+
+def test_lags_of_a_source_and_of_a_sensor_have_a_past_too():
+    """A pump that was on before the log, and a thermometer that follows late."""
+    pump, tau, late = np.repeat([1.0, 0.0, 1.0, 0.0], 300), 5000.0, 400.0
+    source = {f"gain[{T}]": 3.0, f"gain[{Z}]": 9.0, "time_constant": tau}
+    effects = [effect_class("second_source")("x_pump_1", source)]
+    effects += [effect_class("sensor_lag")(T, {"time_constant": late})]
+    model = replace(MODEL, effects=tuple(effects))
+    columns = {HEAT: LEVELS, "x_pump_1": pump}
+    for output, gain in ((T, 3.0), (Z, 9.0)):
+        height, own = LAGS[output]
+        y = lag(LEVELS, height, own, 0.5 * height) + lag(pump, gain, tau, 0.8 * gain)
+        if output == T:
+            x, read = np.exp(-10.0 / late), np.array(y)
+            for k in range(1, len(y)):
+                read[k] = x * read[k - 1] + (1 - x) * 0.5 * (y[k - 1] + y[k])
+            y = read
+        y = y + SIGMA * np.random.default_rng(5).standard_normal(len(TIME))
+        columns[output] = {T: 20.0, Z: 300.0}[output] + y
+    warm = Record(TIME, columns, digest="log")
+    assert begins(warm, model=model)[1] == {"free"}
+    for found in agreements(model, [warm]).values():
+        assert found.rmse < 1.15 * SIGMA
 
 
 def test_a_warm_machine_is_found_by_a_model_with_a_mode_slower_than_the_log():

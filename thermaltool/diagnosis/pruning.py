@@ -191,14 +191,19 @@ def _of_no_harm(task: DiagnosisTask, search: SearchState) -> SearchState:
     """The search without the one cause that keeps the others from being written."""
     effects = search.hypothesis.model.effects
     acting = [cause for cause in search.causes if cause.effect in effects]
-    if len(acting) < 2 or not search.harms(task, search.written(task)):
+    harmed = search.harmed(task, search.written(task)) if len(acting) > 1 else None
+    if harmed is None:
         return search
     # What was found last explains least.
     for cause in reversed(acting):
-        rest = _dropped(search, cause, "is left out: with it a log would be worse")
-        if not rest.harms(task, rest.written(task)):
+        rest = _dropped(search, cause, _worse(*harmed))
+        if rest.harmed(task, rest.written(task)) is None:
             return rest
     return search
+
+
+def _worse(log: Record, output: str) -> str:
+    return f"is left out: with it {output} in {log.name or 'a log'} would be worse"
 
 
 def _harmless(task: DiagnosisTask, search: SearchState) -> SearchState:
@@ -207,17 +212,18 @@ def _harmless(task: DiagnosisTask, search: SearchState) -> SearchState:
     One that costs next to nothing is right, though what it makes is not to be written.
     """
     while (harmful := _harmful(task, search)) is not None:
-        search = _dropped(search, harmful, "is left out: with it a log would be worse")
+        cause, why = harmful
+        search = _dropped(search, cause, why)
     return search
 
 
-def _harmful(task: DiagnosisTask, search: SearchState) -> Cause | None:
-    """The last cause that harms, beside the others, by the written model."""
+def _harmful(task: DiagnosisTask, search: SearchState) -> tuple[Cause, str] | None:
+    """The last cause that harms, beside other causes, by the written model, and what it harms."""
     written = search.written(task)
     for cause in reversed(search.causes if len(written.effects) > 1 else ()):
-        rest = without(written, cause.effect)
-        if rest is not written and search.harms(task, written, rest):
-            return cause
+        harmed = search.harmed(task, written, without(written, cause.effect))
+        if harmed is not None:
+            return cause, _worse(*harmed)
     return None
 
 

@@ -168,7 +168,8 @@ def _step(task: DiagnosisTask, search: SearchState) -> SearchState:
     blind = {p for each in search.unseen for p in zip(each.names, each.channels, strict=True)}
     while True:
         ranking = ranked(hypothesis, blind, task.progress)
-        if not search.tried:
+        # Of the last assumptions before the first cause: what a start says is none's evidence.
+        if not search.causes:
             search = replace(search, tried=tried_causes(hypothesis, ranking))
         told = [c for c in ranking.fitted if not is_trend(c.effect, task.model, task.logs)]
         ranking = replace(ranking, fitted=told)

@@ -221,6 +221,8 @@ def _promises(
     hypothesis: Hypothesis, table: SignatureTable, k: int, trial: Effect, assumptions: Assumptions
 ) -> bool:
     """Whether a trial could have evidence at all, every output explained on its own."""
+    if trial.begins_at_rest and STARTS & assumptions:
+        return False
     gain = 0.5 * hypothesis.evidence_of(assumptions)
     for output, index in table.index[k].items():
         if len(index) > 1:

@@ -100,7 +100,7 @@ def fraction_removed(
         All logs begin at rest; else what a start leaves does not count where one begins warm.
     """
     runs = [SimulatedLogs(each, tuple(logs), masked) for each in (without(model, effect), model)]
-    warm = () if from_rest else runs[0].warm_logs
+    warm = set() if from_rest else {k for each in runs for k in each.warm_logs}
     return explained(noise, gains_of(runs[0], runs[1], lambda output: True, warm))
 
 

@@ -11,7 +11,8 @@ from thermaltool.diagnosis.correction import without_lags
 from thermaltool.diagnosis.simulation import Series, SimulatedLogs
 from thermaltool.effects.effect import Float
 from thermaltool.model import Model, away_from_rest, drive_rests, relative, rest_shifts
-from thermaltool.model.decays import SAME_POLE, mode_decays, start_decays
+from thermaltool.model.decays import SAME_POLE, lag_decays, mode_decays, start_decays
+from thermaltool.model.simulate import acting_effects
 from thermaltool.record import Record
 from thermaltool.units import is_absolute
 
@@ -57,7 +58,8 @@ def mode_starts(runs: SimulatedLogs, output: str) -> list[Series]:
     most = MAX_DECAY * max(float(np.max(np.abs(y[output]))) for y in runs.outputs)
     model, found = without_lags(runs.model), []
     for k, own in enumerate(runs.logs):
-        for decay in _ways_to_rest(model, output, own.elapsed):
+        lags = lag_decays(acting_effects(model, own.digest), output, own.elapsed)
+        for decay in (*_ways_to_rest(model, output, own.elapsed), *lags):
             size = float(np.max(np.abs(decay)))
             # What is gone by the second row would stand for an outlier.
             if np.count_nonzero(np.abs(decay) > size / np.e) > 1:

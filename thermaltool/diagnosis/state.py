@@ -316,8 +316,10 @@ class SearchState:
         logs, noise = self._compared(task, before, model)
         return spoiled_by(before, model, logs, last.simulation.masked, noise, surely)
 
-    def harms(self, task: DiagnosisTask, model: Model, before: Model | None = None) -> bool:
-        """Whether a model makes a log worse, by more than a slight part of what it makes better.
+    def harmed(
+        self, task: DiagnosisTask, model: Model, before: Model | None = None
+    ) -> tuple[Record, str] | None:
+        """Log and output made worse by more than a slight part of what a model makes better.
 
         Parameters
         ----------
@@ -326,11 +328,13 @@ class SearchState:
         before : Model, optional
             As in `spoiled`.
         """
-        if self.spoiled(task, model, before) is None:
-            return False
+        found = self.spoiled(task, model, before)
+        if found is None:
+            return None
         before = task.model if before is None else before
         logs, noise = self._compared(task, before, model)
-        return not is_slight(before, model, logs, self.hypothesis.simulation.masked, noise)
+        is_small = is_slight(before, model, logs, self.hypothesis.simulation.masked, noise)
+        return None if is_small else found
 
     def _compared(
         self, task: DiagnosisTask, *models: Model

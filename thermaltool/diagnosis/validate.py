@@ -118,7 +118,9 @@ def judge(
             # of every log: they hang on how it begins.
             old = alone.written(calibrated).with_logs(unseen)
             one, other = old.simulation, new.with_logs(unseen).simulation
-            there = gains_of(one, other, lambda output: True, one.warm_logs)
+            # A wrong model may hide that a log begins warm.
+            warm = {*one.warm_logs, *other.warm_logs}
+            there = gains_of(one, other, lambda output: True, warm)
             # What happened in one log does nothing for another, but may not do harm there.
             if candidate.effect.log is None:
                 gains = there

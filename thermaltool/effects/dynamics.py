@@ -10,7 +10,7 @@ from thermaltool.effects.effect import Float, Memory, needed
 from thermaltool.effects.scene import Scene
 from thermaltool.record import Record
 from thermaltool.responses.propagation import recursion_of
-from thermaltool.units import Hold, hold_of
+from thermaltool.units import Hold, hold_of, source_rest
 
 HOUR = 3600.0
 # A lag of more records than this is a trend.
@@ -72,15 +72,19 @@ def lagged(
     return y
 
 
-def from_rest(record: Record, channel: str, memory: Memory = None) -> Float:
-    """A channel relative to its first value, shape (n,); a missing reading keeps the one before.
+def from_rest(
+    record: Record, channel: str, memory: Memory = None, rest: float | None = None
+) -> Float:
+    """A channel relative to its rest, shape (n,); a missing reading keeps the one before.
 
     Parameters
     ----------
     record : Record
     channel : str
     memory : dict, optional
-        Keeps the first value and the last.
+        Keeps the rest and the last value.
+    rest : float, optional
+        Default: that of `source_rest`.
 
     Raises
     ------
@@ -93,12 +97,14 @@ def from_rest(record: Record, channel: str, memory: Memory = None) -> Float:
     if "reading" not in memory:
         if not len(known):
             return np.zeros(len(values))
-        memory["reading"] = [float(known[0])] * 2
-    first, last = memory["reading"]
+        first = float(known[0])
+        usual = source_rest(channel) if rest is None else rest
+        memory["reading"] = [first if usual == "first" else usual, first]
+    origin, last = memory["reading"]
     values = np.append(last, values)
     rows = np.maximum.accumulate(np.where(np.isfinite(values), np.arange(len(values)), 0))
-    memory["reading"] = [first, float(values[rows[-1]])]
-    return values[rows[1:]] - first
+    memory["reading"] = [origin, float(values[rows[-1]])]
+    return values[rows[1:]] - origin
 
 
 def elapsed(time: Float, memory: Memory = None) -> Float:
@@ -114,8 +120,14 @@ def elapsed(time: Float, memory: Memory = None) -> Float:
     return time - first
 
 
-def warmed(record: Record, channel: str, time_constant: float, memory: Memory = None) -> Float:
-    """A channel relative to its first value through a first-order lag, shape (n,).
+def warmed(
+    record: Record,
+    channel: str,
+    time_constant: float,
+    memory: Memory = None,
+    rest: float | None = None,
+) -> Float:
+    """A channel relative to its rest through a first-order lag, shape (n,).
 
     Parameters
     ----------
@@ -124,8 +136,10 @@ def warmed(record: Record, channel: str, time_constant: float, memory: Memory = 
     time_constant : float [s]
     memory : dict, optional
         Keeps the last sample.
+    rest : float, optional
+        As in `from_rest`.
     """
-    rise = from_rest(record, channel, memory)
+    rise = from_rest(record, channel, memory, rest)
     return lagged(record.time, rise, time_constant, hold_of(channel), memory=memory)
 
 

@@ -236,6 +236,11 @@ class Effect:
         """Time constant with which a reading follows the truth [s]; 0 for at once."""
         return 0.0
 
+    def lags(self, output: str) -> tuple[float, ...]:
+        """Time constants [s] behind which an output follows, and that are no modes of the model."""
+        own = tuple(tau for _, tau in self.paths(output))
+        return (*own, self.lag) if self.channel == output else own
+
     @property
     def dead_time(self) -> float:
         """Time by which the drive acts later than it is logged [s]; below zero, earlier."""
@@ -270,6 +275,11 @@ class Effect:
     @property
     def everywhere(self) -> bool:
         """Whether it is no cause unless it reaches more than one output."""
+        return False
+
+    @property
+    def begins_at_rest(self) -> bool:
+        """Whether only a machine that begins at rest tells it from another form."""
         return False
 
     @property

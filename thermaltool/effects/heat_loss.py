@@ -111,6 +111,9 @@ class HeatLoss(Effect, ABC):
             return [0.0] * len(GAINS)
         return [self.parameters.get(f"{base}[{name}]", 0.0) for base in GAINS]
 
+    def lags(self, output: str) -> tuple[float, ...]:
+        return self._lags() if self.partner is not None and any(self._gains(output)) else ()
+
     def _lags(self) -> tuple[float, float, float]:
         """Time constants behind which what is lost at the place is felt [s]."""
         short, long = self.parameters["time_constant"], self.parameters["slowest"]

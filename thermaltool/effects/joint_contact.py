@@ -123,6 +123,10 @@ class JointContact(Effect):
         forces, heat, contact, deviation = (get(f"{base}[{output}]", 0.0) for base in bases)
         return forces, heat, contact, deviation
 
+    def lags(self, output: str) -> tuple[float, ...]:
+        _, heat, _, deviation = self.gains(output)
+        return (self.parameters["time_constant"],) if heat or deviation else ()
+
     def output(self, name: str, outputs: Outputs, record: Record, memory: Memory = None) -> Float:
         if not self.spreads:
             return super().output(name, outputs, record, memory)

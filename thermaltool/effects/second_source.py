@@ -51,6 +51,7 @@ class SecondSource(HeatSource):
         "time_constant": Parameter("s", low=0.0, high=1e6, log=True),
         "slow_gain": Parameter("{output}/{channel}", linear=True),
         "slow_time_constant": Parameter("s", low=0.0, high=1e6, log=True),
+        "rest": Parameter("{channel}", fixed=True),
         "start": Parameter("s", low=0.0),
         "stop": Parameter("s", low=0.0),
     }

@@ -7,12 +7,14 @@ from collections.abc import Iterator, Sequence
 from itertools import combinations
 from typing import ClassVar
 
+import numpy as np
+
 from thermaltool.effects.channels import MAX_TEMPERATURE_GAIN
 from thermaltool.effects.dynamics import MAX_LAG_RECORDS, time_constants, warmed
 from thermaltool.effects.effect import Effect, Float, Memory, Outputs, Side, reference_of
 from thermaltool.effects.scene import Scene
 from thermaltool.record import Record
-from thermaltool.units import is_temperature
+from thermaltool.units import is_temperature, source_rest
 
 # Time constants of which pairs are tried; how many times the other, and a sample period, the slower
 # of two is at least.
@@ -43,8 +45,17 @@ class HeatSource(Effect, ABC):
         for gain, tau in self.paths(name):
             # Each lag keeps its own last sample.
             own = None if memory is None else memory.setdefault(f"after {tau} s", {})
-            found = found + gain * warmed(record, self.channel, tau, own)
+            found = found + gain * warmed(record, self.channel, tau, own, self.rest)
         return found
+
+    @property
+    def rest(self) -> float | None:
+        """Value of the channel at which nothing is added, where it is not the usual one."""
+        return self.parameters.get("rest")
+
+    @property
+    def begins_at_rest(self) -> bool:
+        return self.rest is not None
 
     @abstractmethod
     def unlogged(self, name: str, record: Record, memory: Memory = None) -> Float | float:
@@ -109,10 +120,21 @@ class HeatSource(Effect, ABC):
         for channel in channels:
             without = scene.unanswered.get(channel, scene.outputs)
             gains = {f"gain[{output}]": 1.0 for output in without}
-            for tau in time_constants(scene.period, scene.duration):
-                yield cls(channel, {**gains, "time_constant": tau})
             late = {f"slow_gain[{output}]": 1.0 for output in without}
-            pairs = combinations(time_constants(scene.period, scene.duration, TWO_LAGS), 2)
-            for tau, slow in pairs:
-                two = {"time_constant": tau, "slow_time_constant": slow}
-                yield cls(channel, {**gains, **late, **two})
+            pairs = list(combinations(time_constants(scene.period, scene.duration, TWO_LAGS), 2))
+            for rest in _rests(scene, channel):
+                for tau in time_constants(scene.period, scene.duration):
+                    yield cls(channel, {**gains, "time_constant": tau, **rest})
+                for tau, slow in pairs:
+                    two = {"time_constant": tau, "slow_time_constant": slow}
+                    yield cls(channel, {**gains, **late, **two, **rest})
+
+
+def _rests(scene: Scene, channel: str) -> list[dict[str, float]]:
+    """Where a channel may rest: as usual, or at the level that it has as the logs begin.
+
+    A machine through which coolant flows is at rest with the coolant.
+    """
+    values = scene.logs[0].columns[channel]
+    first = float(values[np.isfinite(values)][0]) if np.isfinite(values).any() else 0.0
+    return [{}, {"rest": first}] if first and source_rest(channel) == 0.0 else [{}]

@@ -22,7 +22,7 @@ from thermaltool.model import Model, Term
 from thermaltool.responses.delay import DelayedModes
 from thermaltool.responses.modes import Modes
 from thermaltool.responses.parallel import InputPath
-from thermaltool.units import hold_of
+from thermaltool.units import hold_of, source_rest
 
 
 @dataclass(frozen=True)
@@ -177,7 +177,8 @@ class InputPaths:
 
 
 def _source(effect: Effect) -> KnownInput:
-    return KnownInput(effect.channel, hold_of(effect.channel), "source")
+    rest = effect.parameters.get("rest", source_rest(effect.channel))
+    return KnownInput(effect.channel, hold_of(effect.channel), "source", rest=rest)
 
 
 def _contact(joint: JointContact) -> KnownInput:
@@ -186,4 +187,5 @@ def _contact(joint: JointContact) -> KnownInput:
 
 def _partner(joint: JointContact) -> KnownInput:
     assert joint.partner is not None
-    return KnownInput(joint.partner, hold_of(joint.partner), "source")
+    rest = source_rest(joint.partner)
+    return KnownInput(joint.partner, hold_of(joint.partner), "source", rest=rest)

@@ -23,6 +23,7 @@ from thermaltool.responses.modes import Float, Hold, Modes
 from thermaltool.responses.parallel import InputPath, parallel, settled_state
 from thermaltool.responses.recursion import Recursion
 from thermaltool.responses.sample_clock import uniform_spans
+from thermaltool.units import Reference
 
 if TYPE_CHECKING:
     from thermaltool.estimation.estimator import Estimator
@@ -44,21 +45,25 @@ class KnownInput:
     hold : "zero" or "first"
     role : "drive", "source", "state" or "contact"
         A drive of the model, relative to its reference; the channel of a source, relative to its
-        first value; a state on which the loss of heat or a schedule depends, as it is; an output by
+        rest; a state on which the loss of heat or a schedule depends, as it is; an output by
         which a joint bends others, relative to rest.
     band : ScheduleBand or None
         Of a drive: only this level's share of it.
+    rest : float or "first"
+        Of a source: the value at which it adds nothing, or its first one.
     """
 
     channel: str
     hold: Hold
     role: Role
     band: ScheduleBand | None = None
+    rest: Reference = "first"
 
     def document(self) -> dict[str, Any]:
         """As JSON."""
         band = {} if self.band is None else {"band": self.band.document()}
-        return {"channel": self.channel, "hold": self.hold, "role": self.role, **band}
+        rest = {} if self.rest == "first" else {"rest": self.rest}
+        return {"channel": self.channel, "hold": self.hold, "role": self.role, **band, **rest}
 
 
 @dataclass(frozen=True, eq=False)
@@ -282,7 +287,13 @@ def load_known_inputs(inner: Estimator, document: dict[str, Any]) -> KnownInputE
         A part missing or not sound.
     """
     known = tuple(
-        KnownInput(k["channel"], k["hold"], k["role"], load_band(k.get("band")))
+        KnownInput(
+            k["channel"],
+            k["hold"],
+            k["role"],
+            load_band(k.get("band")),
+            "first" if k.get("rest", "first") == "first" else float(k["rest"]),
+        )
         for k in document["columns"]
     )
     for k in known:

@@ -33,6 +33,7 @@ from thermaltool.estimation.variable_cooling import (
 from thermaltool.estimation.variable_feedforward import VariableFeedforward
 from thermaltool.model import Model, away_from_rest, relative
 from thermaltool.responses.modes import Float
+from thermaltool.units import Reference
 
 
 @dataclass(frozen=True)
@@ -239,18 +240,19 @@ def _known_columns(
     ModelError
         A schedule by a channel that is not read.
     """
-    places: dict[tuple[str, str], int] = {}
+    places: dict[tuple[str, str, Reference], int] = {}
     columns: list[InputColumn] = []
     for each in known:
-        if (each.channel, each.role) not in places:
-            places[each.channel, each.role] = first + len(columns)
+        if (each.channel, each.role, each.rest) not in places:
+            places[each.channel, each.role, each.rest] = first + len(columns)
             columns.append(_known_column(model, each))
     inputs = []
     for each in known:
-        column, chooser = places[each.channel, each.role], 0
+        column, chooser = places[each.channel, each.role, each.rest], 0
         if each.band is not None:
             by = each.band.channel
-            at = places.get((by, "drive"), places.get((by, "state")))
+            # Only a source has a rest of its own.
+            at = places.get((by, "drive", "first"), places.get((by, "state", "first")))
             if at is None:
                 raise ModelError(f"the schedule by {by} has no column: run regularize again")
             chooser = at
@@ -260,7 +262,7 @@ def _known_columns(
 
 def _known_column(model: Model, known: KnownInput) -> InputColumn:
     if known.role == "source":
-        return InputColumn(known.channel, "first", None, False, known.hold == "zero")
+        return InputColumn(known.channel, known.rest, None, False, known.hold == "zero")
     if known.role == "state":
         return InputColumn(known.channel, 0.0, None, False, True)
     if known.role == "contact":

@@ -11,6 +11,7 @@ from thermaltool.responses.modes import Float
 from thermaltool.units import is_absolute
 
 if TYPE_CHECKING:
+    from thermaltool.effects.effect import Effect
     from thermaltool.model.document import Model, Term
 
 # Modes of an output above which it is taken to come from other levels of its drives, at which it
@@ -89,6 +90,23 @@ def mode_decays(model: Model, channel: str, elapsed: Float) -> list[Float]:
                 if len(columns) > MAX_FREE_MODES:
                     return []
     return columns
+
+
+def lag_decays(effects: Iterable[Effect], channel: str, elapsed: Float) -> list[Float]:
+    """How an output comes to rest by lags that are no modes of its terms, shapes (n,).
+
+    Those of sources that are no drives, and of its sensor: they, too, have a past.
+
+    Parameters
+    ----------
+    effects : iterable of Effect
+        Those that act.
+    channel : str
+    elapsed : ndarray, shape (n,) [s]
+        Since the first row.
+    """
+    lags = {tau for effect in effects for tau in effect.lags(channel) if tau > 0}
+    return [np.exp(-elapsed / tau) for tau in sorted(lags)]
 
 
 def slow_bodies(terms: Sequence[Term], outputs: Iterable[str], period: float) -> dict[str, float]:

@@ -21,6 +21,7 @@ from thermaltool.errors import LogError, counted
 from thermaltool.model.decays import (
     START_TIME_CONSTANTS,
     free_decays,
+    lag_decays,
     mode_decays,
     start_decays,
 )
@@ -257,9 +258,11 @@ class _FreeState:
         return not mode_decays(self.model, self.output.channel, np.zeros(1))
 
     def modes(self, rows: NDArray[np.intp] | slice = slice(None)) -> Float:
-        """How the output may come to rest by the modes of the model, shape (k, n)."""
-        elapsed, cooling = self.course.clock[rows], self.course.cooling[rows]
-        return free_decays(self.model, self.output.channel, elapsed, cooling)
+        """How the output may come to rest by the modes and lags of the model, shape (k, n)."""
+        channel, elapsed = self.output.channel, self.course.clock[rows]
+        own = free_decays(self.model, channel, elapsed, self.course.cooling[rows])
+        effects = acting_effects(self.model, self.record.digest)
+        return np.vstack([own, *lag_decays(effects, channel, self.record.elapsed[rows])])
 
     def told_modes(self, rows: NDArray[np.intp] | slice = slice(None)) -> Float:
         """Of the modes those that are over within the rows that say, shape (k, n)."""
