@@ -292,3 +292,29 @@ def test_the_table_is_there_where_no_model_file_can_be(thermaltool, tmp_path):
     last = result.err.splitlines()[-1]
     assert "take --real-poles, a lower order, or leave this input out" in last
     assert not model.exists()
+
+
+def test_an_output_that_no_input_moves_is_told(thermaltool, tmp_path):
+    columns = run_of([np.exp(-10 / 300)])
+    columns["d_z_um"] = np.random.default_rng(3).standard_normal(1000)
+    noise = write_log(tmp_path / "noise.csv", columns)
+    said = thermaltool("identify", noise, *ONE, "--structure", "oe").err
+    assert "d_z_um: the inputs say nothing of it: no candidate comes nearer" in said
+
+
+def test_a_model_is_no_log_and_a_log_again_is_no_other(thermaltool, tmp_path, lag):
+    model = tmp_path / "model.json"
+    given = ("identify", lag, *ONE, "--orders", "1,1,1")
+    thermaltool(*given, "-o", model)
+    refused = thermaltool("identify", model, *ONE)
+    assert refused.code
+    assert refused.err == f"thermaltool identify: {model}: a model of thermaltool, no log\n"
+    again = thermaltool("identify", lag, lag, *ONE, "--orders", "1,1,1")
+    assert "the same log again counts twice" in again.err
+
+
+def test_validation_tells_what_the_input_does_over_a_pause(thermaltool, tmp_path):
+    columns = {name: np.delete(v, slice(700, 740)) for name, v in run_of([0.97]).items()}
+    log = write_log(tmp_path / "pause.csv", columns)
+    said = thermaltool("identify", log, *ONE, "--orders", "1,1,1", "--split", "0.6").err
+    assert "the fit is parted there; in simulate the drive is taken as held over it" in said

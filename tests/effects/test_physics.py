@@ -185,6 +185,16 @@ def test_convection_by_levels_goes_along_straight_lines():
         np.testing.assert_allclose(y[output], expected, rtol=1e-9)
 
 
+def test_a_rate_by_levels_goes_on_a_little_beyond_them():
+    table = {"level0": 1.0, "rate0": 1e-3, "level1": 3.0, "rate1": 2e-3, "level2": 5.0}
+    effect = make("convection_state", COOLANT, **table, rate2=4e-3)
+    assert effect.known_range == (1.0, 5.0)
+    flow = np.array([0.0, 0.6, 0.8, 1.0, 4.0, 5.0, 5.2, 5.4, 9.0])
+    record = Record(np.arange(9.0), {COOLANT: flow})
+    rates = 1e-3 * np.array([0.8, 0.8, 0.9, 1.0, 3.0, 4.0, 4.2, 4.4, 4.4])
+    np.testing.assert_allclose(effect.loss(record, {}), rates, rtol=1e-12)
+
+
 def watched():
     drive = np.where(TIME < 2000, 1.0, 0.0)
     return scene((TIME, {HEAT: drive, COOLANT: drive, **run([], drive)}))

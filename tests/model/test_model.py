@@ -3,10 +3,12 @@
 from __future__ import annotations
 
 import json
+from dataclasses import replace
 
 import numpy as np
 import pytest
 
+from thermaltool.effects import effect_class
 from thermaltool.effects.actuator_saturation import ActuatorSaturation
 from thermaltool.effects.drive_nonlinearity import DriveNonlinearity
 from thermaltool.errors import ModelError
@@ -174,6 +176,14 @@ def test_excursions():
     assert (found.value, found.low, found.high) == (1.2, 0.0, 1.0)
     columns["d_x_um"][4] = 400
     assert [e.channel for e in excursions(model(), columns)] == ["Q_main_1", "d_x_um"]
+
+
+def test_levels_of_a_loss_have_a_range():
+    table = {"level0": 0.0, "rate0": 0.0, "level1": 10.0, "rate1": 1e-3}
+    flowing = replace(model(), effects=(effect_class("convection_state")("V_water_l/min", table),))
+    columns = {"V_water_l/min": np.array([0.0, 5.0, 10.9, 12.0, np.nan])}
+    (found,) = excursions(flowing, columns)
+    assert (found.channel, found.rows, found.value) == ("V_water_l/min", 1, 12.0)
 
 
 @pytest.mark.parametrize(

@@ -187,6 +187,7 @@ def calibrate(
     from thermaltool.fitting.averaging import averaged_rows
     from thermaltool.fitting.calibrate import calibrate as fit
     from thermaltool.fitting.calibration_plan import CalibrationPlan
+    from thermaltool.report.text import repeated_messages
 
     drives, sensors, deflections = names(drives), names(sensors), names(deflections)
     contacts = names(joint)
@@ -211,9 +212,8 @@ def calibrate(
         read_for_fit(each, drives, "response", (start, stop), outputs=outputs, warn=warn, **reading)
         for each in all_of(data)
     ]
-    for k, log in enumerate(logs):
-        if log.digest and any(log.digest == other.digest for other in logs[:k]):
-            warn(f"{log.name}: the same log again counts twice: the intervals are too narrow")
+    for message in repeated_messages(logs):
+        warn(message)
     if reduction is not None:
         return _reduced(logs, plan, reduction, warn)
     for log, rows in zip(logs, averaged_rows(logs), strict=True):

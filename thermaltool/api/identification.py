@@ -22,9 +22,16 @@ from thermaltool.api.identification_plans import (
     warn_holes,
     without_bursts,
 )
-from thermaltool.api.inputs import Reading, all_of, options_of, read_for_fit, reads
+from thermaltool.api.inputs import (
+    Reading,
+    all_of,
+    drives_over_pauses,
+    options_of,
+    read_for_fit,
+    reads,
+)
 from thermaltool.api.result import Notice, Result, notice, silent
-from thermaltool.units import names
+from thermaltool.units import hold_of, names
 
 if TYPE_CHECKING:
     import pandas
@@ -237,7 +244,7 @@ def identify(
     from thermaltool.fitting.excitation import constant_channels
     from thermaltool.fitting.identification import identify_first
     from thermaltool.fitting.search_budget import SearchBudget
-    from thermaltool.report.text import jump_messages
+    from thermaltool.report.text import jump_messages, repeated_messages
 
     inputs, outputs = names(inputs), names(outputs)
     check_arguments(inputs, outputs, structure=structure, reduce=reduce, orders=orders, modes=modes,
@@ -248,9 +255,10 @@ def identify(
     as_read: list[Log] = []
     logs: list[Log] = []
     parts: list[Log] = []
+    over = f"the fit is parted there; in simulate {drives_over_pauses(map(hold_of, inputs))}"
     for each in [*all_of(data), *([] if validate is None else [validate])]:
         log = read_for_fit(each, inputs, "transfer function", (start, stop), outputs=outputs,
-                           whole=True, pauses="the record is parted there", warn=warn,
+                           whole=True, pauses=over, warn=warn,
                            **reading)  # fmt: skip
         as_read.append(log)
         for message in jump_messages(log.between(start, stop), outputs, inputs):
@@ -264,6 +272,8 @@ def identify(
         parts.append(part)
     fresh = [] if validate is None else [logs.pop()]
     own = parts[: len(logs)]
+    for message in repeated_messages(own):
+        warn(message)
     if constant := constant_channels(own, outputs, split, 0.0):
         outputs = tuple(name for name in outputs if name not in constant)
         where = "" if split is None else " over the training rows"
@@ -290,7 +300,10 @@ def identify(
     for part in parts:
         warn_holes(part, inputs, outputs, structure_name(fits[0].model), warn)
     if search.ended:
-        warn(f"the choice was ended: the best of {search.tried} candidates")
+        warn(
+            f"the choice was ended: the best of {search.tried} candidates; other orders and "
+            "structures, nonlinear ones among them, may do better"
+        )
     unused = sorted((*still, *left_out), key=lambda each: named.index(each.name))
     return Identification(fits, tuple(logs), reference, options_of(reading), tuple(unused))
 

@@ -8,7 +8,7 @@ from typing import ClassVar
 
 import numpy as np
 
-from thermaltool.effects.dynamics import is_plausible_rate
+from thermaltool.effects.dynamics import by_levels, is_plausible_rate
 from thermaltool.effects.effect import Effect, Float, Memory, Outputs, Parameter, needed
 from thermaltool.effects.heat_loss import LOCAL, HeatLoss, places
 from thermaltool.effects.scene import Scene
@@ -72,11 +72,15 @@ class ConvectionState(HeatLoss):
         levels, rates = ([self.parameters[f"{n}{k}"] for k in numbers] for n in NUMBERED)
         return levels, rates
 
+    @property
+    def known_range(self) -> tuple[float, float] | None:
+        return None if self.table is None else (self.table[0][0], self.table[0][-1])
+
     def loss(self, record: Record, outputs: Outputs, memory: Memory = None) -> Float | None:
         if self.partner is not None:
             return None
         if self.table is not None:
-            return np.interp(np.nan_to_num(needed(record, self.channel)), *self.table)
+            return by_levels(np.nan_to_num(needed(record, self.channel)), *self.table)
         return self.parameters["rate"] * self.state(record)
 
     def state(self, record: Record, memory: Memory = None) -> Float:

@@ -22,6 +22,9 @@ MIN_SAMPLES_AT_ONCE = 50
 # A jump is looked for between the means of so many readings before and after it, and at so many
 # places for each.
 JUMP_READINGS, JUMP_PLACES = (2, 8, 32), 3
+# A line goes on beyond its levels by this part of their range, within which a model is not told to
+# extrapolate.
+BEYOND_LEVELS = 0.1
 
 
 def lagged(
@@ -141,6 +144,23 @@ def warmed(
     """
     rise = from_rest(record, channel, memory, rest)
     return lagged(record.time, rise, time_constant, hold_of(channel), memory=memory)
+
+
+def by_levels(
+    values: Float, levels: Sequence[float] | Float, rates: Sequence[float] | Float
+) -> Float:
+    """Rates along straight lines between levels, and a little beyond them; then held, shape (n,).
+
+    Parameters
+    ----------
+    values : ndarray, shape (n,)
+    levels, rates : sequence of float, of one length, at least 2; levels rise
+    """
+    x, y = np.asarray(levels, float), np.asarray(rates, float)
+    reach = BEYOND_LEVELS * (x[-1] - x[0])
+    first, last = np.diff(y[:2]) / np.diff(x[:2]), np.diff(y[-2:]) / np.diff(x[-2:])
+    x = np.concatenate([[x[0] - reach], x, [x[-1] + reach]])
+    return np.interp(values, x, np.concatenate([y[0] - first * reach, y, y[-1] + last * reach]))
 
 
 def play(u: Float, widths: Float, memory: Memory = None) -> Float:

@@ -278,6 +278,11 @@ class Effect:
         return False
 
     @property
+    def known_range(self) -> tuple[float, float] | None:
+        """Values of the channel between which it is known; None for any."""
+        return None
+
+    @property
     def begins_at_rest(self) -> bool:
         """Whether only a machine that begins at rest tells it from another form."""
         return False

@@ -113,6 +113,11 @@ def excursions(
             values = relative(columns[drive.channel], drive.reference, drive.hold)
             since = drive.reference == "first"
             found += _excursion(drive.channel, values, drive.range, columns[drive.channel], since)
+    # A drive has a range of its own.
+    others = columns.keys() - {drive.channel for drive in model.drives}
+    for effect in model.effects:
+        if effect.known_range and effect.channel in others:
+            found += _excursion(effect.channel, columns[effect.channel], effect.known_range)
     known = {d.channel: d for d in model.drives if d.channel in columns}
     shifts = rest_shifts(
         model, {c: rest_level(columns[c], d.reference, d.hold) for c, d in known.items()}

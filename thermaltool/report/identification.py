@@ -36,6 +36,9 @@ from thermaltool.report.transfer import (
 )
 from thermaltool.units import parse_channel, printed
 
+# A nonlinear model that fits so much less than products and powers do is not what they stand for.
+MISSED_PERCENT = 3.0
+
 
 @dataclass(frozen=True)
 class FormReport:
@@ -167,7 +170,7 @@ def identification_warnings(fits: Sequence[Fit], left_out: Sequence[LeftOut] = (
     }
     return [
         *_left_out(left_out), *switched_between_rows(holds), *_form(fits).warnings(fits),
-        *_nonlinear(fits), *_failed(fits),
+        *_nonlinear(fits), *_failed(fits), *_empty(fits),
     ]  # fmt: skip
 
 
@@ -217,7 +220,9 @@ def _linearity_line(fit: Fit) -> str:
     if test.nonlinear:
         much = "nonlinear" if test.matters else "hardly nonlinear"
         said = f"linearity of {target}: {much} (p {test.p_value:.2g}), {_reached(fit, test)}"
-        return said if fit.model.is_linear else f"{said}: hence this model"
+        if fit.model.is_linear:
+            return said
+        return f"{said}: hence this model{_missed(fit, test)}"
     verdict = "no products or powers in the errors"
     if test.p_value <= MAX_P_VALUE:
         verdict = "hardly anything in the errors is products or powers"
@@ -226,12 +231,26 @@ def _linearity_line(fit: Fit) -> str:
 
 def _reached(fit: Fit, test: LinearityTest) -> str:
     """How far linear models go, and how large what they lack is."""
-    unit = printed(parse_channel(fit.model.target).unit)
+    size = f"{test.size * test.deviation:.2g} {printed(parse_channel(fit.model.target).unit)}"
     return (
-        f"by {test.size * test.deviation:.2g} {unit} RMS, {100 * test.size:.2g} % of what the "
-        f"output moves: linear models reach {test.linear_fit_percent:.3g} %, with products and "
-        f"powers {test.nonlinear_fit_percent:.3g} % (most: {test.term})"
+        f"by {size.rstrip()} RMS, {100 * test.size:.2g} % of what the output moves: linear models "
+        f"reach {test.linear_fit_percent:.3g} %, with products and powers "
+        f"{test.nonlinear_fit_percent:.3g} % (most: {test.term})"
     )
+
+
+def _missed(fit: Fit, test: LinearityTest) -> str:
+    """What a nonlinear model is short of by what products and powers explain, and what to try."""
+    reached, target = fit.training.fit_percent, fit.model.target
+    if reached > test.nonlinear_fit_percent - MISSED_PERCENT:
+        return ""
+    found = f", which reaches {reached:.3g} %"
+    if test.term.startswith("y^"):
+        found += (
+            f"; a curve behind the dynamics is another kind: --structure oe, then correct --at "
+            f"{target}"
+        )
+    return found
 
 
 def _nonlinear(fits: Sequence[Fit]) -> list[str]:
@@ -263,6 +282,19 @@ def _failed(fits: Sequence[Fit]) -> list[str]:
             )
         sentences.append(sentence)
     return sentences
+
+
+def _empty(fits: Sequence[Fit]) -> list[str]:
+    """Sentences on outputs of which no candidate predicts any rows that were held out."""
+    found = []
+    for k, fit in enumerate(fits):
+        held = [each.fit_percent[k if k < len(each.fit_percent) else 0] for each in fit.candidates]
+        if fit.validation is None and held and max(held) <= 0:
+            found.append(
+                f"{fit.model.target}: the inputs say nothing of it: no candidate comes nearer to "
+                f"rows held out than their mean (the best {max(held):.2g} %)"
+            )
+    return found
 
 
 def document_warnings(fits: Sequence[Fit], model: Model) -> list[str]:

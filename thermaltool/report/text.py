@@ -183,6 +183,13 @@ def still_messages(log: Log, channels: Iterable[str]) -> Iterator[str]:
                    "These rows count")  # fmt: skip
 
 
+def repeated_messages(logs: Sequence[Log]) -> Iterator[str]:
+    """Which logs of a fit are there already."""
+    for k, log in enumerate(logs):
+        if log.digest and any(log.digest == other.digest for other in logs[:k]):
+            yield f"{log.name}: the same log again counts twice: the intervals are too narrow"
+
+
 def jump_messages(log: Log, outputs: Iterable[str], drives: Sequence[str]) -> Iterator[str]:
     """Where an output jumps and no drive does.
 

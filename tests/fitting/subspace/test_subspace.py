@@ -10,6 +10,7 @@ from scipy.linalg import block_diag
 from scipy.signal import StateSpace, lsim
 
 from thermaltool.errors import FitError
+from thermaltool.fitting.cancelling_lags import are_cancelling
 from thermaltool.fitting.data import TrainingData, even_training_data
 from thermaltool.fitting.document import model_document
 from thermaltool.fitting.identification import identify
@@ -22,6 +23,7 @@ from thermaltool.fitting.subspace.search import bounded
 from thermaltool.fitting.subspace.sections import PoleSection, all_poles, moved, of_poles
 from thermaltool.fitting.subspace.term import response_slopes, response_values
 from thermaltool.record import Record
+from thermaltool.responses.rational import Rational2
 from thermaltool.signals.gauss_newton import solve
 
 PERIOD = 2.0
@@ -185,6 +187,31 @@ def test_bounds_hold_whatever_a_step_is():
         assert np.all(p.real < 0)
         assert np.all(-1 / p.real < 1.01e8)
         assert np.all(np.abs(p.imag) <= 3.0)
+
+
+def test_lags_cancel_where_their_weights_are_far_above_the_step():
+    assert not are_cancelling(Rational2(1.0, 300.0, -0.9, 100.0))
+    assert not are_cancelling(Rational2(60.0, 300.0, -59.0, 290.0))
+    assert are_cancelling(Rational2(600.0, 300.0, -599.0, 299.9))
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("refused", ["best", "all"])
+def test_modes_that_cancel_are_taken_only_where_all_do(refused, monkeypatch):
+    rng = np.random.default_rng(58)
+    record = log(plant([-0.01, -0.05], 2, 2, rng), steps(2, 800, rng), rng, 0.02)
+    plan = SubspacePlan(initial="rest", real=True)
+    data = plan.start(plan.data_sets([record], names(2), ["dT_0_K", "dT_1_K"])[0])
+    _, candidates = plan.fit(data)
+    orders = [candidate.model.order for candidate in candidates]
+    best, second = orders[0], next(order for order in orders if order != orders[0])
+
+    def cancels(response):
+        return refused == "all" or len(response.modes(PERIOD).poles) == best
+
+    monkeypatch.setattr("thermaltool.fitting.subspace.plan.are_cancelling", cancels)
+    outputs, _ = plan.fit(data)
+    assert outputs[0].order == (best if refused == "all" else second)
 
 
 @pytest.mark.slow

@@ -11,6 +11,7 @@ from typing import ClassVar
 import numpy as np
 
 from thermaltool.errors import FitError
+from thermaltool.fitting.cancelling_lags import are_cancelling
 from thermaltool.fitting.data import TrainingData, even_training_data
 from thermaltool.fitting.fit import Fit
 from thermaltool.fitting.identification import Plan
@@ -92,11 +93,28 @@ class SubspacePlan(Plan):
     ) -> tuple[tuple[SubspaceOutput, ...], tuple[Candidate[Subspace], ...]]:
         candidates = self._known.get(_starts(data)) or self._candidates(data)
         self._known.clear()
-        model = first_that_fits(
-            (candidate.model for candidate in candidates),
-            partial(fitted_as, data, real=self.real),
-        )
+        wanted = [candidate.model for candidate in candidates]
+        fitted = partial(fitted_as, data, real=self.real)
+        try:
+            model = first_that_fits(wanted, lambda each: self._sound(fitted(each)))
+        except FitError:
+            # Of many that cancel the best is shown all the same.
+            model = first_that_fits(wanted, fitted)
         return model.outputs, candidates
+
+    def _sound(self, model: Subspace) -> Subspace:
+        """A model whose modes are no more than the data carry.
+
+        Raises
+        ------
+        FitError
+            It is made of lags that cancel.
+        """
+        for output in model.outputs if self.real else ():
+            for k, name in enumerate(output.names):
+                if are_cancelling(output.term(k).response):
+                    raise FitError(f"{name} → {output.target}: modes that cancel")
+        return model
 
     def _candidates(self, data: TrainingData) -> Choices:
         wanted = {} if self.modes is None else {"orders": [self.modes]}

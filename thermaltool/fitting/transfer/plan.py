@@ -9,7 +9,8 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from thermaltool.errors import FitError, ModelError
-from thermaltool.fitting.data import Array, TrainingData
+from thermaltool.fitting.cancelling_lags import are_cancelling
+from thermaltool.fitting.data import TrainingData
 from thermaltool.fitting.fit import Fit
 from thermaltool.fitting.identification import Plan
 from thermaltool.fitting.lpv.plan import LpvPlan
@@ -25,8 +26,6 @@ from thermaltool.fitting.transfer.structure import Structure
 from thermaltool.responses import Response
 from thermaltool.units import Reference
 
-# The data carry fewer real poles where a lag's weight is so many times the largest step.
-MAX_CANCELLATION = 100.0
 # Shortest time constant of a lag that is told by rows [sample periods]: above the search's end.
 LEAST_LAG = 1.1 * MIN_TIME_CONSTANT
 
@@ -149,7 +148,7 @@ def writable(
     try:
         for k in range(len(model.names)):
             response = model.term(k).response
-            if structure.real_poles and _cancellation(response) > MAX_CANCELLATION:
+            if structure.real_poles and are_cancelling(response):
                 raise FitError(f"{model.names[k]} → {model.target}: lags that cancel")
             if structure.real_poles and lasting and _shortest_lag(response, model.dt) < LEAST_LAG:
                 raise FitError(f"{model.names[k]} → {model.target}: a lag that nothing tells")
@@ -162,12 +161,3 @@ def _shortest_lag(response: Response, dt: float) -> float:
     """The shortest time constant [sample periods]; without end where there is none."""
     rates = np.abs(response.modes(dt).poles)
     return float(1 / (dt * np.max(rates, initial=1e-300)))
-
-
-def _cancellation(response: Response) -> float:
-    """The largest weight of a sum of lags over the largest value of its step response."""
-    rates = response.modes(1.0).poles
-    ends = np.log([0.1 / np.max(abs(rates)), 10.0 / np.min(abs(rates))])
-    time: Array = np.exp(np.linspace(ends[0], ends[1], 200))
-    size = float(np.max(np.abs(response.step(time))))
-    return max(abs(float(getattr(response, name))) for name in response.gains) / size
