@@ -98,7 +98,10 @@ def _where(document: Document, output: str) -> Iterator[str]:
         unit, length = time_unit(stretch["stop"])
         start, stop = (f"{stretch[end] / length:.3g}" for end in ("start", "stop"))
         rms = f"{number(stretch['rms'])} {channel_unit(output)}"
-        line += f"; worst from {start} to {stop} {unit} ({rms} RMS)"
+        # More than all rows have about their mean counts from elsewhere.
+        aside = stretch["time"] * stretch["rms"] ** 2 > report["spread"] ** 2
+        beside = " from the level at which the log begins" if aside else ""
+        line += f"; worst from {start} to {stop} {unit} ({rms} RMS{beside})"
     yield f"{line}."
 
 
