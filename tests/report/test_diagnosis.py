@@ -64,7 +64,9 @@ def test_a_few_lines_for_a_new_user():
     # The bed comes on when the lamp goes off, at 3 h, and stays.
     assert re.match(r"It is wrong mostly while Q_main_1 is at 0 \(.* of the misfit in 50 %", where)
     # More than the 11.4 of all rows about their mean would have.
-    worst = r"; worst from 3\.\d+ to 6 h \(\d+(\.\d)? µm RMS from the level at which the log begins\)"
+    worst = (
+        r"; worst from 3\.\d+ to 6 h \(\d+(\.\d)? µm RMS from the level at which the log begins\)"
+    )
     assert re.search(rf"slower than .*{worst}\.$", where)
     assert cause == (
         "Cause: second_source (T_bed_degC), heat enters from somewhere that the model does not "
