@@ -308,7 +308,7 @@ def test_a_model_is_no_log_and_a_log_again_is_no_other(thermaltool, tmp_path, la
     thermaltool(*given, "-o", model)
     refused = thermaltool("identify", model, *ONE)
     assert refused.code
-    assert refused.err == f"thermaltool identify: {model}: a model of thermaltool, no log\n"
+    assert refused.err == f"thermaltool identify: {model}: a thermaltool model, no log\n"
     again = thermaltool("identify", lag, lag, *ONE, "--orders", "1,1,1")
     assert "the same log again counts twice" in again.err
 

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
+
 import numpy as np
 
 from thermaltool.fitting.data import Array
@@ -11,17 +13,22 @@ from thermaltool.responses import Response
 MAX_LAG_WEIGHT = 100.0
 
 
-def are_cancelling(response: Response) -> bool:
-    """Whether a weight of a sum of lags is far above all that its step response reaches.
+def are_cancelling(responses: Sequence[Response], moves: Sequence[float] = (1.0,)) -> bool:
+    """Whether a weight of sums of lags is far above all that their step responses reach.
 
     Parameters
     ----------
-    response : Response
-        Of real poles.
+    responses : sequence of Response
+        Of one output, of real poles.
+    moves : sequence of float
+        How far the input of each moves.
     """
-    rates = response.modes(1.0).poles
-    ends = np.log([0.1 / np.max(abs(rates)), 10.0 / np.min(abs(rates))])
-    time: Array = np.exp(np.linspace(ends[0], ends[1], 200))
-    size = float(np.max(np.abs(response.step(time))))
-    largest = max(abs(float(getattr(response, name))) for name in response.gains)
-    return largest > MAX_LAG_WEIGHT * size
+    largest = steps = 0.0
+    for response, move in zip(responses, moves, strict=True):
+        rates = response.modes(1.0).poles
+        ends = np.log([0.1 / np.max(abs(rates)), 10.0 / np.min(abs(rates))])
+        time: Array = np.exp(np.linspace(ends[0], ends[1], 200))
+        steps = max(steps, move * float(np.max(np.abs(response.step(time)))))
+        weights = (abs(float(getattr(response, name))) for name in response.gains)
+        largest = max(largest, move * max(weights))
+    return largest > MAX_LAG_WEIGHT * steps

@@ -260,8 +260,6 @@ def _own_clock(file: str, table: Table) -> Clock:
     unit = clock_unit(table.names)
     if unit is not None:
         return Clock("time" if unit == "iso" else f"time_{unit}", unit)
-    if any(name.startswith("drives.0.") for name in table.names):
-        raise LogError("a model of thermaltool, no log", file)
     raise LogError(
         f"no clock: no column time_s or time{hint('time_s', table.names)}; a map for --columns "
         "names another one, or a period for logs without (check --write-map drafts one)",

@@ -11,7 +11,8 @@ from scipy.signal import StateSpace, lsim
 from thermaltool.fitting.data import even_training_data
 from thermaltool.fitting.document import model_document
 from thermaltool.fitting.identification import identify
-from thermaltool.fitting.subspace.choose import choose_order
+from thermaltool.fitting.selection import Candidate
+from thermaltool.fitting.subspace.choose import CLOSE, _settled, choose_order
 from thermaltool.fitting.subspace.identify import identify_subspace
 from thermaltool.fitting.subspace.modal import grown, identify_modal
 from thermaltool.fitting.subspace.modal_problem import ModalProblem, ModalStart
@@ -222,3 +223,14 @@ def test_intervals_hold_the_truth_in_repetitions(colour):
         each = [(own.gain(i), gains[j, i]) for j, own in enumerate(outputs) for i in range(3)]
         held += [e.low < truth < e.high for e, truth in each]
     assert 0.91 < np.mean(held) < 0.98
+
+
+@pytest.mark.parametrize("apart", [0.0, 2 * CLOSE])
+def test_where_both_kinds_are_close_all_rows_decide(apart):
+    """Of a plant whose poles take one combination each, free weights are parameters for nothing."""
+    data = training([log(modes(), np.random.default_rng(86), noise=0.05)[0]]).from_rest()
+    combined, free = of_order(data, 3), identify_subspace(data, 3)
+    ranked = (Candidate(free, (90.0, 90.0), -5.0), Candidate(combined, (90.0, 90.0), apart - 5.0))
+    assert _settled(ranked, data, real=True)[0].model is (free if apart else combined)
+    # What held better is not given up for more weights.
+    assert _settled(ranked[::-1], data, real=True)[0].model is combined

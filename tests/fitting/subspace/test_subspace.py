@@ -190,9 +190,14 @@ def test_bounds_hold_whatever_a_step_is():
 
 
 def test_lags_cancel_where_their_weights_are_far_above_the_step():
-    assert not are_cancelling(Rational2(1.0, 300.0, -0.9, 100.0))
-    assert not are_cancelling(Rational2(60.0, 300.0, -59.0, 290.0))
-    assert are_cancelling(Rational2(600.0, 300.0, -599.0, 299.9))
+    assert not are_cancelling([Rational2(1.0, 300.0, -0.9, 100.0)])
+    assert not are_cancelling([Rational2(60.0, 300.0, -59.0, 290.0)])
+    cancelling = Rational2(600.0, 300.0, -599.0, 299.9)
+    assert are_cancelling([cancelling])
+    # Beside an input that moves the output more, how it does so counts for little.
+    both = [cancelling, Rational2(1.0, 300.0, 1.0, 100.0)]
+    assert are_cancelling(both, (1.0, 1.0))
+    assert not are_cancelling(both, (1.0, 10.0))
 
 
 @pytest.mark.slow
@@ -206,8 +211,8 @@ def test_modes_that_cancel_are_taken_only_where_all_do(refused, monkeypatch):
     orders = [candidate.model.order for candidate in candidates]
     best, second = orders[0], next(order for order in orders if order != orders[0])
 
-    def cancels(response):
-        return refused == "all" or len(response.modes(PERIOD).poles) == best
+    def cancels(responses, moves):
+        return refused == "all" or len(responses[0].modes(PERIOD).poles) == best
 
     monkeypatch.setattr("thermaltool.fitting.subspace.plan.are_cancelling", cancels)
     outputs, _ = plan.fit(data)

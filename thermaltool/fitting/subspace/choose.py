@@ -28,6 +28,11 @@ PATIENCE = 3
 # Feedthrough beside poles of one combination lowers ln of the error variance by so much against so
 # many poles more: where it is there the gain is 0.3 to 0.5, elsewhere 0.02 at most.
 MIN_DIRECT_GAIN, MORE_POLES = 0.1, 2
+# Weights free for every input and output are told from one combination for each pole by the rows
+# held out once where the logarithm of the error variance differs by more.
+CLOSE = 0.5
+# Autocorrelation of errors at a row, at most.
+MAX_COLOUR = 0.99
 # Poles beside which the start is judged, at most.
 MAX_START_ORDER = 6
 
@@ -89,7 +94,45 @@ def choose_order(
         if not any_fits and problem is not None:
             raise problem
 
-    return _ranked(candidates(), split, budget, real)
+    ranked = _ranked(candidates(), split, budget, real)
+    return ranked if budget is not None and budget.is_over else _settled(ranked, data, real)
+
+
+def _settled(
+    ranked: tuple[Candidate[Subspace], ...], data: TrainingData, real: bool
+) -> tuple[Candidate[Subspace], ...]:
+    """The same, with poles that take one combination each first where all rows say so.
+
+    A minimal realization has such poles, and rows held out once say little of whether there are
+    enough of them. Where both kinds are close, each is fitted to all rows, and BIC decides by so
+    many independent ones as the colour of the errors leaves.
+    """
+    best = ranked[0]
+    others = [c for c in ranked if c.model.participations is not None]
+    if best.model.participations is not None or not others or others[0].score - best.score > CLOSE:
+        return ranked
+    try:
+        own, other = (fitted_as(data, c.model, False, real) for c in (best, others[0]))
+    except FitError:
+        return ranked
+    over = min(_colour(own, data), _colour(other, data))
+    fall = (own.criteria.deviance - other.criteria.deviance) / over
+    more = other.criteria.parameters - own.criteria.parameters
+    if fall < more * float(np.log(data.rows / over)):
+        return ranked
+    return (others[0], *(c for c in ranked if c is not others[0]))
+
+
+def _colour(model: Subspace, data: TrainingData) -> float:
+    """Rows for each independent one, of errors of the first order, in the mean of the outputs."""
+    found = []
+    for k, output in enumerate(model.outputs):
+        runs = [error for error, _ in output.residuals(data.only(k)) if len(error) > 1]
+        late = sum(float(error[1:] @ error[:-1]) for error in runs)
+        power = sum(float(error[:-1] @ error[:-1]) for error in runs)
+        share = float(np.clip(late / max(power, 1e-300), 0.0, MAX_COLOUR))
+        found.append((1 + share) / (1 - share))
+    return float(np.mean(found))
 
 
 def _of_combinations(split: Split, orders: Sequence[int]) -> Iterator[Subspace]:

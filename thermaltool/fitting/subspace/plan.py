@@ -96,13 +96,13 @@ class SubspacePlan(Plan):
         wanted = [candidate.model for candidate in candidates]
         fitted = partial(fitted_as, data, real=self.real)
         try:
-            model = first_that_fits(wanted, lambda each: self._sound(fitted(each)))
+            model = first_that_fits(wanted, lambda each: self._sound(fitted(each), data))
         except FitError:
             # Of many that cancel the best is shown all the same.
             model = first_that_fits(wanted, fitted)
         return model.outputs, candidates
 
-    def _sound(self, model: Subspace) -> Subspace:
+    def _sound(self, model: Subspace, data: TrainingData) -> Subspace:
         """A model whose modes are no more than the data carry.
 
         Raises
@@ -110,10 +110,14 @@ class SubspacePlan(Plan):
         FitError
             It is made of lags that cancel.
         """
+        moves = [
+            max(float(np.ptp(record.matrix([name]))) for record in data.records)
+            for name in data.inputs
+        ]
         for output in model.outputs if self.real else ():
-            for k, name in enumerate(output.names):
-                if are_cancelling(output.term(k).response):
-                    raise FitError(f"{name} → {output.target}: modes that cancel")
+            # An input that moves it little may do so by lags that cancel.
+            if are_cancelling([output.term(k).response for k in range(len(moves))], moves):
+                raise FitError(f"{output.target}: modes that cancel")
         return model
 
     def _candidates(self, data: TrainingData) -> Choices:

@@ -148,7 +148,7 @@ def writable(
     try:
         for k in range(len(model.names)):
             response = model.term(k).response
-            if structure.real_poles and are_cancelling(response):
+            if structure.real_poles and are_cancelling([response]):
                 raise FitError(f"{model.names[k]} → {model.target}: lags that cancel")
             if structure.real_poles and lasting and _shortest_lag(response, model.dt) < LEAST_LAG:
                 raise FitError(f"{model.names[k]} → {model.target}: a lag that nothing tells")
