@@ -404,6 +404,23 @@ def test_a_power_that_is_on_as_a_log_begins_heats_from_there(rest, share):
     np.testing.assert_allclose(y[X], expected, atol=1e-9)
 
 
+@pytest.mark.parametrize(
+    ("course", "rests"),
+    [
+        (np.where(TIME < 500, 0.0, 2.0), {None}),
+        (np.where(TIME < 500, 2.0, 0.0), {None, 2.0}),
+        # From 0 these would be a start of the log.
+        (np.where(TIME < 500, 2.0, 2.02), {2.0}),
+        (np.full(len(TIME), 2.0), set()),
+    ],
+)
+def test_a_source_is_tried_from_0_and_from_where_it_stands(course, rests):
+    own = {BEARING: course}
+    trials = effect_class("second_source").probes(scene((TIME, {HEAT: np.ones(len(TIME)), **own,
+                                                                **run([], 1.0)})))  # fmt: skip
+    assert {e.parameters.get("rest") for e in trials if e.channel == BEARING} == rests
+
+
 def test_a_temperature_warms_by_its_changes_alone():
     source = make("second_source", "T_lid_degC", time_constant=350.0, **{f"gain[{X}]": 4.0})
     y = run([source], 0.0, T_lid_degC=np.full(len(TIME), 31.0))

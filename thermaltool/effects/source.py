@@ -19,6 +19,8 @@ from thermaltool.units import is_temperature, source_rest
 # Time constants of which pairs are tried; how many times the other, and a sample period, the slower
 # of two is at least.
 TWO_LAGS, MIN_LAG_RATIO, MIN_SLOW = 5, 2.0, 10.0
+# A channel that moves by less than this share of its size stands still about its level.
+HARDLY_MOVES = 0.1
 
 
 class HeatSource(Effect, ABC):
@@ -110,14 +112,16 @@ class HeatSource(Effect, ABC):
 
     @classmethod
     def logged(cls, scene: Scene, channels: Sequence[str]) -> Iterator[Effect]:
-        """Every one of `channels` with every lag that is worth a trial.
+        """Every one of `channels` that moves, with every lag that is worth a trial.
+
+        One that stands still is the state in which a log begins, at most.
 
         Parameters
         ----------
         scene : Scene
         channels : sequence of str
         """
-        for channel in channels:
+        for channel in (c for c in channels if _moved(scene, c)):
             without = scene.unanswered.get(channel, scene.outputs)
             gains = {f"gain[{output}]": 1.0 for output in without}
             late = {f"slow_gain[{output}]": 1.0 for output in without}
@@ -130,11 +134,24 @@ class HeatSource(Effect, ABC):
                     yield cls(channel, {**gains, **late, **two, **rest})
 
 
+def _moved(scene: Scene, channel: str) -> float:
+    """How far a channel moves within a log, over its largest value, at most."""
+    found = 0.0
+    for log in scene.logs:
+        values = log.columns[channel][np.isfinite(log.columns[channel])]
+        if len(values) and np.ptp(values):
+            found = max(found, float(np.ptp(values) / np.max(np.abs(values))))
+    return found
+
+
 def _rests(scene: Scene, channel: str) -> list[dict[str, float]]:
     """Where a channel may rest: as usual, or at the level that it has as the logs begin.
 
-    A machine through which coolant flows is at rest with the coolant.
+    A machine through which coolant flows is at rest with the coolant. What hardly moves about its
+    level would, from 0, be a start of every log.
     """
     values = scene.logs[0].columns[channel]
     first = float(values[np.isfinite(values)][0]) if np.isfinite(values).any() else 0.0
-    return [{}, {"rest": first}] if first and source_rest(channel) == 0.0 else [{}]
+    if not first or source_rest(channel) == "first":
+        return [{}]
+    return [*([{}] if _moved(scene, channel) > HARDLY_MOVES else []), {"rest": first}]
