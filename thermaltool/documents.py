@@ -114,6 +114,11 @@ CONTROLLER = DocumentFormat(
     "thermaltool-controller", 1, "a controller of thermaltool design", sealed=True
 )
 CHECKPOINT = DocumentFormat("thermaltool-checkpoint", 2, "a checkpoint", sealed=True)
+# What an error calls each by its name.
+NOUNS = {
+    each.name: each.noun
+    for each in (MODEL, NOISE, ARMA, DIAGNOSIS, RC, BODY, CONTROLLER, CHECKPOINT)
+}
 
 
 def content_digest(document: Mapping[str, Any]) -> str:

@@ -191,8 +191,14 @@ def test_a_rate_by_levels_goes_on_a_little_beyond_them():
     assert effect.known_range == (1.0, 5.0)
     flow = np.array([0.0, 0.6, 0.8, 1.0, 4.0, 5.0, 5.2, 5.4, 9.0])
     record = Record(np.arange(9.0), {COOLANT: flow})
-    rates = 1e-3 * np.array([0.8, 0.8, 0.9, 1.0, 3.0, 4.0, 4.2, 4.4, 4.4])
+    # By a tenth of the rate at the end: below it falls by half of what the line would.
+    rates = 1e-3 * np.array([0.9, 0.9, 0.9, 1.0, 3.0, 4.0, 4.2, 4.4, 4.4])
     np.testing.assert_allclose(effect.loss(record, {}), rates, rtol=1e-12)
+    # A steep end does not make a machine warm by itself.
+    steep = {"level0": 1.0, "rate0": 0.0, "level1": 2.0, "rate1": 5e-3, "level2": 10.0}
+    effect = make("convection_state", COOLANT, **steep, rate2=-1e-4)
+    assert np.min(effect.loss(record, {})) == 0.0
+    assert effect.loss(Record(np.arange(2.0), {COOLANT: np.array([10.0, 11.0])}), {})[1] == -1e-4
 
 
 def watched():
@@ -412,6 +418,8 @@ def test_a_power_that_is_on_as_a_log_begins_heats_from_there(rest, share):
         # From 0 these would be a start of the log.
         (np.where(TIME < 500, 2.0, 2.02), {2.0}),
         (np.full(len(TIME), 2.0), set()),
+        # One reading that is off is no level.
+        (np.where(TIME[0] == TIME, 9.0, np.where(TIME < 500, 2.0, 0.0)), {None, 2.0}),
     ],
 )
 def test_a_source_is_tried_from_0_and_from_where_it_stands(course, rests):

@@ -221,7 +221,7 @@ def _promises(
     hypothesis: Hypothesis, table: SignatureTable, k: int, trial: Effect, assumptions: Assumptions
 ) -> bool:
     """Whether a trial could have evidence at all, every output explained on its own."""
-    if trial.begins_at_rest and STARTS & assumptions:
+    if STARTS & assumptions and trial.begins_at_rest(hypothesis.scene):
         return False
     gain = 0.5 * hypothesis.evidence_of(assumptions)
     for output, index in table.index[k].items():

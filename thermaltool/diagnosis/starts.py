@@ -58,7 +58,7 @@ def mode_starts(runs: SimulatedLogs, output: str) -> list[Series]:
     most = MAX_DECAY * max(float(np.max(np.abs(y[output]))) for y in runs.outputs)
     model, found = without_lags(runs.model), []
     for k, own in enumerate(runs.logs):
-        lags = lag_decays(acting_effects(model, own.digest), output, own.elapsed)
+        lags = lag_decays(model, acting_effects(model, own.digest), output, own.elapsed)
         for decay in (*_ways_to_rest(model, output, own.elapsed), *lags):
             size = float(np.max(np.abs(decay)))
             # What is gone by the second row would stand for an outlier.

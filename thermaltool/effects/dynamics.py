@@ -102,7 +102,8 @@ def from_rest(
             return np.zeros(len(values))
         first = float(known[0])
         usual = source_rest(channel) if rest is None else rest
-        memory["reading"] = [first if usual == "first" else usual, first]
+        # Until it is read nothing is known to act.
+        memory["reading"] = [first if usual == "first" else usual] * 2
     origin, last = memory["reading"]
     values = np.append(last, values)
     rows = np.maximum.accumulate(np.where(np.isfinite(values), np.arange(len(values)), 0))
@@ -151,16 +152,26 @@ def by_levels(
 ) -> Float:
     """Rates along straight lines between levels, and a little beyond them; then held, shape (n,).
 
+    By a tenth of the range of the levels at most, and of the rate at the end.
+
     Parameters
     ----------
     values : ndarray, shape (n,)
     levels, rates : sequence of float, of one length, at least 2; levels rise
     """
     x, y = np.asarray(levels, float), np.asarray(rates, float)
-    reach = BEYOND_LEVELS * (x[-1] - x[0])
-    first, last = np.diff(y[:2]) / np.diff(x[:2]), np.diff(y[-2:]) / np.diff(x[-2:])
-    x = np.concatenate([[x[0] - reach], x, [x[-1] + reach]])
-    return np.interp(values, x, np.concatenate([y[0] - first * reach, y, y[-1] + last * reach]))
+    ends = []
+    for at, inner in ((0, 1), (-1, -2)):
+        slope = float((y[at] - y[inner]) / abs(x[at] - x[inner]))  # outwards
+        # No machine loses so little that it warms by itself.
+        least = abs(y[at]) if y[at] > 0 or slope > 0 else 0.0
+        reach = min(
+            BEYOND_LEVELS * float(x[-1] - x[0]), BEYOND_LEVELS * least / max(abs(slope), 1e-300)
+        )
+        ends.append((reach, float(y[at]) + slope * reach))
+    (below, low), (above, high) = ends
+    x, y = np.concatenate([[x[0] - below], x, [x[-1] + above]]), np.concatenate([[low], y, [high]])
+    return np.asarray(np.interp(values, x, y))
 
 
 def play(u: Float, widths: Float, memory: Memory = None) -> Float:

@@ -282,9 +282,13 @@ class Effect:
         """Values of the channel between which it is known; None for any."""
         return None
 
-    @property
-    def begins_at_rest(self) -> bool:
-        """Whether only a machine that begins at rest tells it from another form."""
+    def begins_at_rest(self, scene: Scene) -> bool:
+        """Whether only a machine that begins at rest tells it from another form.
+
+        Parameters
+        ----------
+        scene : Scene
+        """
         return False
 
     @property

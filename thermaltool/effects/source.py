@@ -21,6 +21,8 @@ from thermaltool.units import is_temperature, source_rest
 TWO_LAGS, MIN_LAG_RATIO, MIN_SLOW = 5, 2.0, 10.0
 # A channel that moves by less than this share of its size stands still about its level.
 HARDLY_MOVES = 0.1
+# Readings whose median is the level at which a log begins.
+FIRST_READINGS = 5
 
 
 class HeatSource(Effect, ABC):
@@ -55,9 +57,8 @@ class HeatSource(Effect, ABC):
         """Value of the channel at which nothing is added, where it is not the usual one."""
         return self.parameters.get("rest")
 
-    @property
-    def begins_at_rest(self) -> bool:
-        return self.rest is not None
+    def begins_at_rest(self, scene: Scene) -> bool:
+        return self.rest is not None and _moved(scene, self.channel) > HARDLY_MOVES
 
     @abstractmethod
     def unlogged(self, name: str, record: Record, memory: Memory = None) -> Float | float:
@@ -150,8 +151,12 @@ def _rests(scene: Scene, channel: str) -> list[dict[str, float]]:
     A machine through which coolant flows is at rest with the coolant. What hardly moves about its
     level would, from 0, be a start of every log.
     """
-    values = scene.logs[0].columns[channel]
-    first = float(values[np.isfinite(values)][0]) if np.isfinite(values).any() else 0.0
-    if not first or source_rest(channel) == "first":
+    if source_rest(channel) == "first":
         return [{}]
-    return [*([{}] if _moved(scene, channel) > HARDLY_MOVES else []), {"rest": first}]
+    own = (log.columns[channel][np.isfinite(log.columns[channel])] for log in scene.logs)
+    begun = np.array([float(np.median(values[:FIRST_READINGS])) for values in own if len(values)])
+    alike = len(begun) and np.ptp(begun) <= HARDLY_MOVES * np.min(np.abs(begun))
+    if not alike or not begun[0]:
+        return [{}]
+    usual: list[dict[str, float]] = [{}] if _moved(scene, channel) > HARDLY_MOVES else []
+    return [*usual, {"rest": float(begun[0])}]

@@ -23,7 +23,7 @@ from thermaltool.responses.modes import Float, Hold, Modes
 from thermaltool.responses.parallel import InputPath, parallel, settled_state
 from thermaltool.responses.recursion import Recursion
 from thermaltool.responses.sample_clock import uniform_spans
-from thermaltool.units import Reference
+from thermaltool.units import Reference, source_rest
 
 if TYPE_CHECKING:
     from thermaltool.estimation.estimator import Estimator
@@ -62,7 +62,7 @@ class KnownInput:
     def document(self) -> dict[str, Any]:
         """As JSON."""
         band = {} if self.band is None else {"band": self.band.document()}
-        rest = {} if self.rest == "first" else {"rest": self.rest}
+        rest = {"rest": self.rest} if self.role == "source" else {}
         return {"channel": self.channel, "hold": self.hold, "role": self.role, **band, **rest}
 
 
@@ -272,6 +272,22 @@ def _path_document(path: InputPath) -> dict[str, Any]:
     return {"to": target, "from": source, **how}
 
 
+def _rest_of(column: dict[str, Any]) -> Reference:
+    """What a column of a design counts from.
+
+    Raises
+    ------
+    ModelError
+        A source that counted from its first value, and now from 0.
+    """
+    rest = column.get("rest")
+    if rest is None and column["role"] == "source" and source_rest(column["channel"]) != "first":
+        raise ModelError(
+            f"the source {column['channel']} counts from 0 now: run thermaltool regularize again"
+        )
+    return "first" if rest in (None, "first") else float(rest)
+
+
 def load_known_inputs(inner: Estimator, document: dict[str, Any]) -> KnownInputEstimator:
     """`inner` with the known inputs that its design lists.
 
@@ -292,7 +308,7 @@ def load_known_inputs(inner: Estimator, document: dict[str, Any]) -> KnownInputE
             k["hold"],
             k["role"],
             load_band(k.get("band")),
-            "first" if k.get("rest", "first") == "first" else float(k["rest"]),
+            _rest_of(k),
         )
         for k in document["columns"]
     )

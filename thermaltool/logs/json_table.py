@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from typing import Any
 
+from thermaltool.documents import NOUNS
 from thermaltool.errors import LogError, ModelError
 from thermaltool.logs.columns import ColumnMap
 from thermaltool.logs.frame_table import FrameTable
@@ -13,8 +14,6 @@ from thermaltool.parsing import parse_json
 
 # A list by name is a column from so many values on; shorter ones are settings.
 MIN_VALUES = 2
-# What the tool itself writes as one document is no log.
-OWN_FORMATS = "thermaltool-"
 
 
 def open_table(source: InputBytes, mapping: ColumnMap) -> Table:
@@ -39,8 +38,8 @@ def open_table(source: InputBytes, mapping: ColumnMap) -> Table:
             return NdjsonTable(source, mapping.dialect.missing, mapping.messages)
         raise LogError(str(error).removeprefix(f"{source.name}: "), source.name) from error
     own = str(document.get("format", "")) if isinstance(document, dict) else ""
-    if own.startswith(OWN_FORMATS):
-        raise LogError(f"a {own.replace('-', ' ')}, no log", source.name)
+    if own in NOUNS:
+        raise LogError(f"{NOUNS[own]}, no log", source.name)
     records = document if isinstance(document, list) else None
     if records is None and isinstance(document, dict):
         columns = {name: values for name, values in _lists(document) if len(values) >= MIN_VALUES}

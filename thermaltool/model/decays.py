@@ -92,21 +92,30 @@ def mode_decays(model: Model, channel: str, elapsed: Float) -> list[Float]:
     return columns
 
 
-def lag_decays(effects: Iterable[Effect], channel: str, elapsed: Float) -> list[Float]:
+def lag_decays(
+    model: Model, effects: Iterable[Effect], channel: str, elapsed: Float
+) -> list[Float]:
     """How an output comes to rest by lags that are no modes of its terms, shapes (n,).
 
     Those of sources that are no drives, and of its sensor: they, too, have a past.
 
     Parameters
     ----------
+    model : Model
     effects : iterable of Effect
         Those that act.
     channel : str
     elapsed : ndarray, shape (n,) [s]
         Since the first row.
     """
-    lags = {tau for effect in effects for tau in effect.lags(channel) if tau > 0}
-    return [np.exp(-elapsed / tau) for tau in sorted(lags)]
+    own = (t.response for t in model.terms if t.output == channel)
+    rates = [-complex(p) for each in own for p in each.modes(model.sample_period).poles]
+    columns = []
+    for tau in sorted({tau for effect in effects for tau in effect.lags(channel) if tau > 0}):
+        if not any(abs(rate - 1 / tau) <= SAME_POLE * abs(rate) for rate in rates):
+            rates.append(complex(1 / tau))
+            columns.append(np.asarray(np.exp(-elapsed / tau)))
+    return columns
 
 
 def slow_bodies(terms: Sequence[Term], outputs: Iterable[str], period: float) -> dict[str, float]:

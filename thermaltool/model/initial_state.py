@@ -262,7 +262,9 @@ class _FreeState:
         channel, elapsed = self.output.channel, self.course.clock[rows]
         own = free_decays(self.model, channel, elapsed, self.course.cooling[rows])
         effects = acting_effects(self.model, self.record.digest)
-        return np.vstack([own, *lag_decays(effects, channel, self.record.elapsed[rows])])
+        return np.vstack(
+            [own, *lag_decays(self.model, effects, channel, self.record.elapsed[rows])]
+        )
 
     def told_modes(self, rows: NDArray[np.intp] | slice = slice(None)) -> Float:
         """Of the modes those that are over within the rows that say, shape (k, n)."""

@@ -289,6 +289,7 @@ def _empty(fits: Sequence[Fit]) -> list[str]:
     found = []
     for k, fit in enumerate(fits):
         held = [each.fit_percent[k if k < len(each.fit_percent) else 0] for each in fit.candidates]
+        held = [value for value in held if value == value]  # without NaN
         if fit.validation is None and held and max(held) <= 0:
             found.append(
                 f"{fit.model.target}: the inputs say nothing of it: no candidate comes nearer to "

@@ -116,11 +116,16 @@ def _settled(
     except FitError:
         return ranked
     over = min(_colour(own, data), _colour(other, data))
-    fall = (own.criteria.deviance - other.criteria.deviance) / over
+    fall = data.rows / over * (_level(own) - _level(other))
     more = other.criteria.parameters - own.criteria.parameters
     if fall < more * float(np.log(data.rows / over)):
         return ranked
     return (others[0], *(c for c in ranked if c is not others[0]))
+
+
+def _level(model: Subspace) -> float:
+    """Sum over the outputs of the logarithm of the error variance."""
+    return float(sum(np.log(max(o.loss / o.rows, 1e-300)) for o in model.outputs))
 
 
 def _colour(model: Subspace, data: TrainingData) -> float:

@@ -73,7 +73,7 @@ class SubspacePlan(Plan):
         rest, score = data.from_rest(), np.inf
         with contextlib.suppress(FitError):
             found = self._known[_starts(data)] = self._candidates(data)
-            score = found[0].score
+            score = min(candidate.score for candidate in found)
             best = [candidate.model for candidate in found[:MAX_REFITTED]]
             if (
                 self.budget.is_over
@@ -83,7 +83,8 @@ class SubspacePlan(Plan):
         with contextlib.suppress(FitError):
             found = self._candidates(rest)
             # What the user has ended is not compared.
-            if not self.budget.is_over and found[0].score < score:
+            best_score = min(candidate.score for candidate in found)
+            if not self.budget.is_over and best_score < score:
                 self._known[_starts(rest)] = found
                 return rest
         return data
