@@ -429,6 +429,14 @@ def test_a_source_is_tried_from_0_and_from_where_it_stands(course, rests):
     assert {e.parameters.get("rest") for e in trials if e.channel == BEARING} == rests
 
 
+def test_a_source_that_is_not_read_yet_does_nothing():
+    pump = np.where(TIME < 300, np.nan, 1.0)
+    source = make("second_source", BEARING, time_constant=350.0, **{f"gain[{X}]": 4.0})
+    y = run([source], 0.0, **{BEARING: pump})[X]
+    np.testing.assert_array_equal(y[TIME < 300], 0.0)
+    np.testing.assert_allclose(y, first_order(4.0, 1 / 350).step(TIME - 300), atol=1e-9)
+
+
 def test_a_temperature_warms_by_its_changes_alone():
     source = make("second_source", "T_lid_degC", time_constant=350.0, **{f"gain[{X}]": 4.0})
     y = run([source], 0.0, T_lid_degC=np.full(len(TIME), 31.0))

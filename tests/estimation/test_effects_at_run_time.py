@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import copy
 from dataclasses import replace
 from functools import cache
 from itertools import pairwise
@@ -684,3 +685,16 @@ def test_a_loss_that_explodes_is_told():
     readings = np.array([0.0, 0.0, 0.0, 1.0])
     with pytest.raises(FitError, match="cannot be followed"):
         estimator.advance(round(1e6 / CLOCK_STEP), nothing, readings, readings, readings)
+
+
+def test_a_design_whose_source_counts_from_its_first_value_is_refused():
+    pinned = designed(ranged(model(BEARING_HEAT)))
+    design = copy.deepcopy(pinned.design)
+    places = [design]
+    for place in places:
+        if place.get("role") == "source":
+            assert place.pop("rest") == 0.0
+        inner = (v if isinstance(v, list) else [v] for v in place.values())
+        places += [each for values in inner for each in values if isinstance(each, dict)]
+    with pytest.raises(ModelError, match=f"{BEARING} counts from 0 now: run .* regularize again"):
+        EstimatorPipeline.of(replace(pinned, design=design))

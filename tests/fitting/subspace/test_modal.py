@@ -226,9 +226,15 @@ def test_intervals_hold_the_truth_in_repetitions(colour):
 
 
 @pytest.mark.parametrize("apart", [0.0, 2 * CLOSE])
-def test_where_both_kinds_are_close_all_rows_decide(apart):
+@pytest.mark.parametrize(("scale", "missing"), [(1.0, 0), (1.0, 120), (1e3, 120)])
+def test_where_both_kinds_are_close_all_rows_decide(apart, scale, missing):
     """Of a plant whose poles take one combination each, free weights are parameters for nothing."""
-    data = training([log(modes(), np.random.default_rng(86), noise=0.05)[0]]).from_rest()
+    rng = np.random.default_rng(86)
+    record = log(modes(), rng, noise=0.05)[0]
+    columns = {n: v * (scale if n.startswith("dT") else 1.0) for n, v in record.columns.items()}
+    columns["dT_0_K"] = columns["dT_0_K"].copy()
+    columns["dT_0_K"][rng.choice(1200, missing, replace=False)] = np.nan
+    data = training([Record(record.time, columns, name="log")]).from_rest()
     combined, free = of_order(data, 3), identify_subspace(data, 3)
     ranked = (Candidate(free, (90.0, 90.0), -5.0), Candidate(combined, (90.0, 90.0), apart - 5.0))
     assert _settled(ranked, data, real=True)[0].model is (free if apart else combined)
