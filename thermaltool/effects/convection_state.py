@@ -3,12 +3,13 @@
 from __future__ import annotations
 
 from collections.abc import Iterator
+from functools import cached_property
 from itertools import product
 from typing import ClassVar
 
 import numpy as np
 
-from thermaltool.effects.dynamics import by_levels, is_plausible_rate
+from thermaltool.effects.dynamics import is_plausible_rate, with_ends
 from thermaltool.effects.effect import Effect, Float, Memory, Outputs, Parameter, needed
 from thermaltool.effects.heat_loss import LOCAL, HeatLoss, places
 from thermaltool.effects.scene import Scene
@@ -72,6 +73,12 @@ class ConvectionState(HeatLoss):
         levels, rates = ([self.parameters[f"{n}{k}"] for k in numbers] for n in NUMBERED)
         return levels, rates
 
+    @cached_property
+    def _line(self) -> tuple[Float, Float]:
+        """The table with its ends; made once, for a stream asks at every sample."""
+        assert self.table is not None
+        return with_ends(*self.table)
+
     @property
     def known_range(self) -> tuple[float, float] | None:
         return None if self.table is None else (self.table[0][0], self.table[0][-1])
@@ -80,7 +87,7 @@ class ConvectionState(HeatLoss):
         if self.partner is not None:
             return None
         if self.table is not None:
-            return by_levels(np.nan_to_num(needed(record, self.channel)), *self.table)
+            return np.interp(np.nan_to_num(needed(record, self.channel)), *self._line)
         return self.parameters["rate"] * self.state(record)
 
     def state(self, record: Record, memory: Memory = None) -> Float:

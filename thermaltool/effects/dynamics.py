@@ -147,16 +147,15 @@ def warmed(
     return lagged(record.time, rise, time_constant, hold_of(channel), memory=memory)
 
 
-def by_levels(
-    values: Float, levels: Sequence[float] | Float, rates: Sequence[float] | Float
-) -> Float:
-    """Rates along straight lines between levels, and a little beyond them; then held, shape (n,).
+def with_ends(
+    levels: Sequence[float] | Float, rates: Sequence[float] | Float
+) -> tuple[Float, Float]:
+    """Levels and rates, whose line goes on a little beyond both ends, shapes (n + 2,).
 
     By a tenth of the range of the levels at most, and of the rate at the end.
 
     Parameters
     ----------
-    values : ndarray, shape (n,)
     levels, rates : sequence of float, of one length, at least 2; levels rise
     """
     x, y = np.asarray(levels, float), np.asarray(rates, float)
@@ -170,8 +169,8 @@ def by_levels(
         )
         ends.append((reach, float(y[at]) + slope * reach))
     (below, low), (above, high) = ends
-    x, y = np.concatenate([[x[0] - below], x, [x[-1] + above]]), np.concatenate([[low], y, [high]])
-    return np.asarray(np.interp(values, x, y))
+    x = np.concatenate([[x[0] - below], x, [x[-1] + above]])
+    return x, np.concatenate([[low], y, [high]])
 
 
 def play(u: Float, widths: Float, memory: Memory = None) -> Float:

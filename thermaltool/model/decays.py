@@ -108,10 +108,13 @@ def lag_decays(
     elapsed : ndarray, shape (n,) [s]
         Since the first row.
     """
+    lags = {tau for effect in effects for tau in effect.lags(channel) if tau > 0}
+    if not lags:
+        return []
     own = (t.response for t in model.terms if t.output == channel)
     rates = [-complex(p) for each in own for p in each.modes(model.sample_period).poles]
     columns = []
-    for tau in sorted({tau for effect in effects for tau in effect.lags(channel) if tau > 0}):
+    for tau in sorted(lags):
         if not any(abs(rate - 1 / tau) <= SAME_POLE * abs(rate) for rate in rates):
             rates.append(complex(1 / tau))
             columns.append(np.asarray(np.exp(-elapsed / tau)))

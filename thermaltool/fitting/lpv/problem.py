@@ -12,7 +12,7 @@ from functools import cached_property
 import numpy as np
 from numpy.typing import NDArray
 
-from thermaltool.effects.dynamics import by_levels
+from thermaltool.effects.dynamics import with_ends
 from thermaltool.fitting.data import Array, TrainingData
 from thermaltool.fitting.joint import MIN_LOSS, ProjectedOutput, Sensitivities, criterion
 from thermaltool.fitting.lpv.form import LpvForm
@@ -68,7 +68,7 @@ def drive_columns(form: LpvForm, scales: Scales, theta: Array, record: Record,
     if form.channel:
         values = record.column(form.channel)
         if form.loss:
-            rates = by_levels(values, form.levels, form.level_rates(theta))
+            rates = np.interp(values, *with_ends(form.levels, form.level_rates(theta)))
             cooling[1:] = np.cumsum(rates[:-1] * scales.dt)
         if form.gain:
             above = values - rests[scales.names.index(form.channel)]
