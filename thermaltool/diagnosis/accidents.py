@@ -1,8 +1,9 @@
 """What unseen logs say of a cause before it is held out: what lasts acts in them, too.
 
 What every log shows is no accident. A jump or a step bends to many a misfit of the log in which it
-is; in another log it is none, or another one, and what acts in both explains both at once. What
-parts of one log do not confirm all logs together may show.
+is; in another log it is none, or another one, and what acts in both explains both at once. Of two
+lasting causes that explain a log alike the one that foretells the others is it. What parts of one
+log do not confirm all logs together may show.
 """
 
 from __future__ import annotations
@@ -10,17 +11,84 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import replace
 
+import numpy as np
+
 from thermaltool.diagnosis.assumptions import Assumptions
-from thermaltool.diagnosis.fit import CauseCandidate, products_of, score
+from thermaltool.diagnosis.evidence import DECISIVE_EVIDENCE
+from thermaltool.diagnosis.fit import CauseCandidate, products_of, profile, score
 from thermaltool.diagnosis.hypothesis import Hypothesis
 from thermaltool.diagnosis.select import fit_candidate
 from thermaltool.effects.effect import Effect
+from thermaltool.errors import ModelError
 from thermaltool.model import Model
 from thermaltool.record import Record
 
 # Evidence in all logs of what the diagnosed ones do not show decisively: what a model is off by on
 # every other day has some, too.
 MIN_IN_ALL = 40.0
+# Evidence from which unseen logs should tell a lasting cause.
+CLEAR = 2 * DECISIVE_EVIDENCE
+
+
+def foretelling(
+    hypothesis: Hypothesis,
+    candidates: Sequence[CauseCandidate],
+    unseen: Sequence[Record],
+    calibrated: Model,
+) -> list[CauseCandidate]:
+    """Candidates of which the lasting ones are in the order of what they explain of all logs.
+
+    Of the diagnosed logs their evidence, of the unseen ones what they gain there as they stand: no
+    parameter is fitted to these, so that none is paid for. One that should be clear there, and is
+    not, is left out. Accidents keep their places.
+
+    Parameters
+    ----------
+    hypothesis, candidates, unseen, calibrated
+        As in `borne_out`.
+    """
+    lasting = [c for c in candidates if c.effect.log is None]
+    if not (lasting and unseen):
+        return list(candidates)
+    there = {
+        a: [hypothesis.under(a, calibrated).with_logs([log]) for log in unseen]
+        for a in {c.assumptions for c in lasting}
+    }
+    worth: list[tuple[float, CauseCandidate]] = []
+    for c in lasting:
+        found = [_foretold(each, c) for each in there[c.assumptions]]
+        gained, expected = (sum(each) for each in zip(*found, strict=True))
+        if gained > DECISIVE_EVIDENCE or expected < CLEAR:
+            changed = DECISIVE_EVIDENCE * (c.assumptions != hypothesis.assumptions)
+            worth.append((c.evidence - changed + gained, c))
+    worth.sort(key=lambda each: -each[0])
+    ordered = iter([c for _, c in worth])
+    kept = [c for c in candidates if c.effect.log is not None or any(c is x for _, x in worth)]
+    return [next(ordered) if c.effect.log is None else c for c in kept]
+
+
+def _foretold(unseen: Hypothesis, candidate: CauseCandidate) -> tuple[float, float]:
+    """Twice the rise of the log likelihood of an unseen log by a cause as it stands.
+
+    And what it would be of a cause that is true.
+    """
+    effect, assumptions = candidate.effect, candidate.assumptions
+    try:
+        displacement = {"": unseen.simulation.displacement(effect)}
+    except ModelError:  # it runs away there
+        return -np.inf, np.inf
+    products = products_of(unseen, displacement, assumptions)
+    if not products:
+        return 0.0, 0.0
+    found, as_it_stands = profile(list(products.values()), 1, np.ones(1)), np.ones(1)
+    gained = expected = 0.0
+    for (output, own), gain, level in zip(
+        products.items(), found.gains.tolist(), found.levels, strict=True
+    ):
+        independence = unseen.evidence[output].independence
+        gained += 2 * independence * gain
+        expected += independence * own.C[level, 0, 0] / own.variance(as_it_stands, level)
+    return gained, expected
 
 
 def borne_out(

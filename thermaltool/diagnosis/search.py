@@ -14,7 +14,7 @@ from dataclasses import replace
 
 import numpy as np
 
-from thermaltool.diagnosis.accidents import borne_out, seen_in_all
+from thermaltool.diagnosis.accidents import borne_out, foretelling, seen_in_all
 from thermaltool.diagnosis.alternatives import tried_causes
 from thermaltool.diagnosis.assumptions import STARTS, Assumptions, released
 from thermaltool.diagnosis.balance import balance
@@ -184,7 +184,8 @@ def _step(task: DiagnosisTask, search: SearchState) -> SearchState:
                 ]  # fmt: skip
             if task.validate:
                 task.progress("unseen logs")
-            strong = borne_out(hypothesis, strong, task.validate, task.model)
+            for sifted in (borne_out, foretelling):
+                strong = sifted(hypothesis, strong, task.validate, task.model)
             # A start explains more than causes that do not stand: it comes before weaker causes
             # than the strongest, and before any unknown; but for the one that explains the most
             # by itself, and more than the start.
