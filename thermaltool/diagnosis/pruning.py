@@ -7,6 +7,7 @@ from collections.abc import Mapping
 import numpy as np
 
 from thermaltool.diagnosis.assumptions import STARTS
+from thermaltool.diagnosis.balance import balance
 from thermaltool.diagnosis.evidence import DECISIVE_EVIDENCE
 from thermaltool.diagnosis.fit import CauseCandidate
 from thermaltool.diagnosis.hypothesis import Hypothesis
@@ -25,6 +26,8 @@ from thermaltool.signals.detrend import find_outliers
 
 # Share of the misfit that a cause of the written model explains at least: told as 2 %.
 MIN_EXPLAINED = 0.02
+# An only cause may lose this part of what it gains.
+MAX_LOST = 0.1
 # What is wrong every day leaves this part at least of what a change explains in its log.
 MIN_EVERYDAY = 0.1
 
@@ -218,13 +221,23 @@ def _harmless(task: DiagnosisTask, search: SearchState) -> SearchState:
 
 
 def _harmful(task: DiagnosisTask, search: SearchState) -> tuple[Cause, str] | None:
-    """The last cause that harms, beside other causes, by the written model, and what it harms."""
+    """The last cause that harms by the written model, and what it harms."""
     written = search.written(task)
-    for cause in reversed(search.causes if len(written.effects) > 1 else ()):
-        harmed = search.harmed(task, written, without(written, cause.effect))
-        if harmed is not None:
+    acting = [cause for cause in search.causes if cause.effect in written.effects]
+    for cause in reversed(acting):
+        rest = without(written, cause.effect)
+        harmed = search.harmed(task, written, rest)
+        if harmed is not None and (len(acting) > 1 or _mostly_harms(task, search, rest, written)):
             return cause, _worse(*harmed)
     return None
+
+
+def _mostly_harms(task: DiagnosisTask, search: SearchState, before: Model, after: Model) -> bool:
+    """Whether an only cause loses a practical part of what it gains: without it none is named."""
+    logs = [log for log in (*task.logs, *task.validate) if cannot_run(after, log) is None]
+    masked = search.hypothesis.simulation.masked
+    gained, lost = balance(before, after, logs, masked, search.noise)
+    return lost >= MAX_LOST * gained
 
 
 def _of_gain(task: DiagnosisTask, search: SearchState) -> SearchState:

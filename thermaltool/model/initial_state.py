@@ -53,6 +53,9 @@ MAX_LEFT_BY_STATE, MIN_TIME_CONSTANTS, MIN_ROWS_PER_STATE = 0.35, 2.0, 10
 # ... and what it does later than so many of the slowest time constants is this share of all at
 # most: what begins there is no start.
 MAX_LATE, LATE_TIME_CONSTANTS = 0.5, 2.0
+# Where the first readings are off a known rest by more than this share of what the calibration has
+# seen, no gain makes that: it is enough that a start explains most of it, the zero included.
+FIRST_READINGS, FIRST_OFF = 5, 0.03
 # ... and less than this share of what any other responses to the commanded drives leave: where one
 # acts once, as the log begins, a wrong gain looks like a start.
 MAX_LEFT_BESIDE_DRIVES = 0.5
@@ -162,6 +165,8 @@ class _StateFit:
         is off by beside its zero.
     is_over : bool
         ... and most of that, or of what the first quarter is off by, is over in the second half.
+    begins_off : bool
+        Whether the first readings are clearly off a rest that is known.
     """
 
     state: _FreeState
@@ -170,11 +175,13 @@ class _StateFit:
     reaches: bool = False
     explains: bool = False
     is_over: bool = False
+    begins_off: bool = False
 
     def is_start(self, expected: bool) -> bool:
         """Whether the output says that the machine is not at rest, or is `expected` to be so."""
         if self.state.is_seen:
-            return (self.explains and self.is_over) or expected
+            says = self.explains or (self.begins_off and self.reaches)
+            return (says and self.is_over) or expected
         if expected:
             # It needs no record that tells it from a drift or a gain.
             return self.reaches and self.state.is_sampled
@@ -310,7 +317,13 @@ class _FreeState:
         if plain.explains and plain.is_over:
             return plain
         # Whether there is a start at all is asked of whatever a machine may bring along.
-        return replace(plain, reaches=found.reaches, explains=found.explains, is_over=found.is_over)
+        return replace(
+            plain,
+            reaches=found.reaches,
+            explains=found.explains,
+            is_over=found.is_over,
+            begins_off=found.begins_off,
+        )
 
     def _fit(
         self, simulated: Float, decays_at: Callable[[NDArray[np.intp] | slice], Float]
@@ -338,7 +351,10 @@ class _FreeState:
             explains = float(np.std(left)) < MAX_LEFT_BESIDE_DRIVES * other
         reaches = float(np.std(left)) < MAX_LEFT_BY_STATE * float(np.sqrt(np.mean(off**2)))
         is_over = float(np.std(late)) < max(most, MAX_LEFT_BY_STATE * float(np.std(early)))
-        return _StateFit(self, decays_at, found / size, reaches, explains, is_over), left
+        begun = abs(float(np.median(off[:FIRST_READINGS])))
+        begins_off = not self.is_zero_free and begun > FIRST_OFF * max(map(abs, self.output.range))
+        fitted = _StateFit(self, decays_at, found / size, reaches, explains, is_over, begins_off)
+        return fitted, left
 
     def _begins_at_once(self, decay: Float, rows: NDArray[np.intp]) -> bool:
         """Whether most of a way to rest lies in the first time constants."""
