@@ -77,6 +77,17 @@ def test_a_warm_machine_is_found_and_its_start_estimated():
     assert begins(warm)[0][Z].zero.value == pytest.approx(300.0, abs=0.2)
 
 
+@pytest.mark.parametrize("before", [250.0, 300.0])
+def test_a_first_reading_off_a_known_rest_tells_a_start_beside_another_misfit(before):
+    """A swing of the residual is too large for the start to explain nearly all of it."""
+    swing = np.sin(TIME / 400.0)
+    beside = {T: 0.15 * swing, Z: 3.0 * swing}
+    assert begins(log(before=before, **beside))[1] == {"free"}
+    assert begins(log(**beside))[1] == {"rest"}
+    # What stays is a zero of the sensor.
+    assert begins(log(**beside | {T: 0.15 * swing + 1.0}))[1] == {"rest"}
+
+
 def test_lags_of_a_source_and_of_a_sensor_have_a_past_too():
     """A pump that was on before the log, and a thermometer that follows late."""
     pump, tau, late = np.repeat([1.0, 0.0, 1.0, 0.0], 300), 5000.0, 400.0

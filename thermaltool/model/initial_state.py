@@ -53,8 +53,8 @@ MAX_LEFT_BY_STATE, MIN_TIME_CONSTANTS, MIN_ROWS_PER_STATE = 0.35, 2.0, 10
 # ... and what it does later than so many of the slowest time constants is this share of all at
 # most: what begins there is no start.
 MAX_LATE, LATE_TIME_CONSTANTS = 0.5, 2.0
-# Where the first readings are off a known rest by more than this share of what the calibration has
-# seen, no gain makes that: it is enough that a start explains most of it, the zero included.
+# Where the first readings, and not the last, are off a known rest by more than this share of what
+# the calibration has seen, no gain makes that: a start need not explain more than most of it.
 FIRST_READINGS, FIRST_OFF = 5, 0.03
 # ... and less than this share of what any other responses to the commanded drives leave: where one
 # acts once, as the log begins, a wrong gain looks like a start.
@@ -166,7 +166,7 @@ class _StateFit:
     is_over : bool
         ... and most of that, or of what the first quarter is off by, is over in the second half.
     begins_off : bool
-        Whether the first readings are clearly off a rest that is known.
+        Whether the first readings are clearly off a rest that is known, and the last are not.
     """
 
     state: _FreeState
@@ -353,6 +353,7 @@ class _FreeState:
         is_over = float(np.std(late)) < max(most, MAX_LEFT_BY_STATE * float(np.std(early)))
         begun = abs(float(np.median(off[:FIRST_READINGS])))
         begins_off = not self.is_zero_free and begun > FIRST_OFF * max(map(abs, self.output.range))
+        begins_off &= float(np.sqrt(np.mean(late**2))) < MAX_LEFT_BY_STATE * begun
         fitted = _StateFit(self, decays_at, found / size, reaches, explains, is_over, begins_off)
         return fitted, left
 
