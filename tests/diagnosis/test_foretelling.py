@@ -7,10 +7,10 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from thermaltool.diagnosis.accidents import foretelling
 from thermaltool.diagnosis.fit import CauseCandidate
 from thermaltool.diagnosis.hypothesis import Hypothesis
 from thermaltool.diagnosis.state import WITHIN_CALIBRATION
+from thermaltool.diagnosis.unseen import foretelling, overruled
 from thermaltool.effects import effect_class
 from thermaltool.model import Drive, Model, Output, Term
 from thermaltool.record import Record
@@ -91,3 +91,15 @@ def test_other_assumptions_have_to_be_decisively_better():
     other = replace(one, assumptions=WITHIN_CALIBRATION | {"modes"}, evidence=55.0)
     found = foretelling(hypothesis, [other, one], [read("unseen", 60.0, 1.1)], MODEL)
     assert found[0] is one
+
+
+def test_a_cause_that_only_the_diagnosed_logs_speak_for_is_told():
+    gain, bent, jump = (
+        CauseCandidate(e, 50.0, 40.0, WITHIN_CALIBRATION, {}) for e in (GAIN, BENT, JUMP)
+    )
+    note = overruled([jump, gain, bent], [jump, bent, gain], BENT)
+    assert note is not None and note.startswith("drive_gain explains the diagnosed logs no worse")
+    # Not where another was found in the end, nor where the order is the same.
+    assert overruled([gain, bent], [bent, gain], GAIN) is None
+    assert overruled([gain, bent], [gain, bent], GAIN) is None
+    assert overruled([jump], [jump], JUMP) is None

@@ -14,11 +14,9 @@ from dataclasses import replace
 
 import numpy as np
 
-from thermaltool.diagnosis.accidents import borne_out, foretelling, seen_in_all
 from thermaltool.diagnosis.alternatives import tried_causes
 from thermaltool.diagnosis.assumptions import STARTS, Assumptions, released
 from thermaltool.diagnosis.balance import balance
-from thermaltool.diagnosis.correction import corrected
 from thermaltool.diagnosis.evidence import DECISIVE_EVIDENCE
 from thermaltool.diagnosis.fit import CauseCandidate
 from thermaltool.diagnosis.hypothesis import Hypothesis
@@ -29,14 +27,14 @@ from thermaltool.diagnosis.no_signature import (
     uncovered,
 )
 from thermaltool.diagnosis.pruning import pruned, rest_of
-from thermaltool.diagnosis.readings import hidden_noise
 from thermaltool.diagnosis.select import Ranking, ranked
 from thermaltool.diagnosis.shortlist import plain_forms_first
 from thermaltool.diagnosis.simulation import SimulatedLogs
-from thermaltool.diagnosis.state import WITHIN_CALIBRATION, DiagnosisTask, SearchState
+from thermaltool.diagnosis.sound_logs import MIN_MISFIT, are_silent, misfit, sound_logs
+from thermaltool.diagnosis.state import DiagnosisTask, SearchState
+from thermaltool.diagnosis.unseen import borne_out, foretelling, overruled, seen_in_all
 from thermaltool.diagnosis.validate import judge
 from thermaltool.diagnosis.written import cannot_run, gains_of
-from thermaltool.record import Record
 
 # Causes that are named at most, and that are held out at each step before the search is given up:
 # the strongest, and others by what they have beyond their assumptions.
@@ -44,11 +42,6 @@ MAX_CAUSES, MAX_HELD_OUT, MAX_OTHERS = 6, 4, 2
 # Evidence of an accident beside another cause: that both fall into one log is a coincidence, and
 # what the other's form leaves looks like one.
 MIN_FURTHER_ACCIDENT = 40.0
-# What is left over, on the calibration's own log or in the end, is looked at again where its power
-# above noise is this many times that of the noise.
-MIN_MISFIT = 1.0
-# Causes change nothing of a log from which they take less than this share of a reading's noise.
-SILENT = 0.1
 # Without sound logs a search counts where it leaves at most this share of the power above noise.
 MAX_LEFT = 0.5
 HAS_CHANGED = (
@@ -76,7 +69,7 @@ def searched(task: DiagnosisTask, start: SearchState) -> tuple[DiagnosisTask, Se
     search = _found(task, start)
     if task.own or _stands(task, start, search):
         return task, search
-    sound = _sound_logs(task)
+    sound = sound_logs(task)
     if not sound:
         return task, search
     apart = task.apart(sound)
@@ -90,7 +83,7 @@ def searched(task: DiagnosisTask, start: SearchState) -> tuple[DiagnosisTask, Se
         again = again.noted(
             f"{name}, which the model as it came fits, says nothing of this: what causes it is "
             "never there"
-            if _are_silent(again, log)
+            if are_silent(again, log)
             else f"nothing of this is in {name}, which the model as it came fits: the machine has "
             "changed between the logs, or the cause is another"
         )
@@ -102,35 +95,6 @@ def _stands(task: DiagnosisTask, start: SearchState, search: SearchState) -> boo
     if search.spoiled(task, search.written(task)) is not None:
         return False
     return rest_of(task, start.hypothesis, search) is None
-
-
-def _are_silent(search: SearchState, log: Record) -> bool:
-    """Whether the causes that are not of one log alone are some, and change nothing of another."""
-    model, white = search.hypothesis.model, search.hypothesis.white
-    lasting = {(c.effect.name, c.effect.channel) for c in search.causes if c.effect.log is None}
-    if not lasting or cannot_run(model, log) is not None:
-        return False
-    # What the model came with acts there as it did.
-    rest = tuple(each for each in model.effects if (each.name, each.channel) not in lasting)
-    without, beside = (
-        SimulatedLogs(replace(model, effects=effects), (log,), {}).outputs[0]
-        for effects in (rest, model.effects)
-    )
-    return all(
-        float(np.max(np.abs(beside[output] - without[output]))) < SILENT * white(output)
-        for output in without
-        if output in search.hypothesis.groups
-    )
-
-
-def _sound_logs(task: DiagnosisTask) -> list[int]:
-    """Numbers of the unseen logs that the model as it came fits."""
-    known = corrected(task.model)
-    return [
-        k
-        for k, log in enumerate(task.validate)
-        if _misfit(Hypothesis.of(known, (log,), known, WITHIN_CALIBRATION)) < MIN_MISFIT
-    ]
 
 
 def _found(task: DiagnosisTask, search: SearchState) -> SearchState:
@@ -184,8 +148,8 @@ def _step(task: DiagnosisTask, search: SearchState) -> SearchState:
                 ]  # fmt: skip
             if task.validate:
                 task.progress("unseen logs")
-            for sifted in (borne_out, foretelling):
-                strong = sifted(hypothesis, strong, task.validate, task.model)
+            strong = borne_out(hypothesis, strong, task.validate, task.model)
+            of_logs, strong = strong, foretelling(hypothesis, strong, task.validate, task.model)
             # A start explains more than causes that do not stand: it comes before weaker causes
             # than the strongest, and before any unknown; but for the one that explains the most
             # by itself, and more than the start.
@@ -197,7 +161,8 @@ def _step(task: DiagnosisTask, search: SearchState) -> SearchState:
                 first = [strong[0], plain] if beside and plain is not strong[0] else strong[:1]
             found = _confirmed(task, search, hypothesis, ranking, first)
             if found is not None:
-                return found
+                other = overruled(of_logs, strong, found.causes[-1].effect)
+                return found if other is None else found.noted(other)
         if better is None:
             found = _confirmed_unseen(task, search, hypothesis, ranking)
             found = found or _too_short(task, search, hypothesis)
@@ -361,7 +326,7 @@ def _second_look(task: DiagnosisTask, search: SearchState) -> SearchState:
     is then taken for white, its rows count as few as their correlation says, and prediction
     of held-out levels decides.
     """
-    if not task.own or _misfit(search.hypothesis) < MIN_MISFIT:
+    if not task.own or misfit(search.hypothesis) < MIN_MISFIT:
         return search
     opened = search.open()
     white = replace(opened, assumptions=opened.assumptions | {"white"}).fitted()
@@ -382,19 +347,3 @@ def _worse_unseen(task: DiagnosisTask, before: SearchState, after: SearchState) 
     )
     gained, lost = balance(*models, logs, {}, before.noise)
     return lost > gained
-
-
-def _misfit(hypothesis: Hypothesis) -> float:
-    """Power of the worst output's residual over that of its noise, less one."""
-    return max(
-        (
-            (
-                float(np.mean(np.square(groups.joined(hypothesis.unexplained(o)))))
-                + hidden_noise(hypothesis.simulation, o) ** 2
-            )
-            / hypothesis.nuisance[o].white ** 2
-            - 1
-            for o, groups in hypothesis.groups.items()
-        ),
-        default=np.inf,
-    )

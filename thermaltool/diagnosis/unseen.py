@@ -67,6 +67,29 @@ def foretelling(
     return [next(ordered) if c.effect.log is None else c for c in kept]
 
 
+def overruled(
+    of_logs: Sequence[CauseCandidate], of_all: Sequence[CauseCandidate], cause: Effect
+) -> str | None:
+    """A sentence on the cause that the diagnosed logs alone would name; None where it is the same.
+
+    Parameters
+    ----------
+    of_logs, of_all : sequence of CauseCandidate
+        Before `foretelling` and after it.
+    cause : Effect
+        That was found.
+    """
+    before, after = (
+        next((c.effect.name for c in each if c.effect.log is None), cause.name)
+        for each in (of_logs, of_all)
+    )
+    if cause.name != after or before == after:
+        return None
+    return (
+        f"{before} explains the diagnosed logs no worse than {after} does, and the unseen ones less"
+    )
+
+
 def _foretold(unseen: Hypothesis, candidate: CauseCandidate) -> tuple[float, float]:
     """Twice the rise of the log likelihood of an unseen log by a cause as it stands.
 
@@ -75,8 +98,8 @@ def _foretold(unseen: Hypothesis, candidate: CauseCandidate) -> tuple[float, flo
     effect, assumptions = candidate.effect, candidate.assumptions
     try:
         displacement = {"": unseen.simulation.displacement(effect)}
-    except ModelError:  # it runs away there
-        return -np.inf, np.inf
+    except ModelError:  # a column is not there
+        return 0.0, 0.0
     products = products_of(unseen, displacement, assumptions)
     if not products:
         return 0.0, 0.0
