@@ -98,7 +98,7 @@ def test_a_cause_that_only_the_diagnosed_logs_speak_for_is_told():
         CauseCandidate(e, 50.0, 40.0, WITHIN_CALIBRATION, {}) for e in (GAIN, BENT, JUMP)
     )
     note = overruled([jump, gain, bent], [jump, bent, gain], BENT)
-    assert note is not None and note.startswith("drive_gain explains the diagnosed logs no worse")
+    assert (note or "").startswith("drive_gain explains the diagnosed logs no worse")
     # Not where another was found in the end, nor where the order is the same.
     assert overruled([gain, bent], [bent, gain], GAIN) is None
     assert overruled([gain, bent], [gain, bent], GAIN) is None
