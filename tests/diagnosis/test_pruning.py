@@ -55,6 +55,8 @@ def test_causes_that_undo_each_other_are_no_gain(monkeypatch):
     search = found(source(ONE, 30.0), source(OTHER, -30.0))
     assert search.causes == ()
     assert any("with it no log is better" in note for note in search.notes)
+    # What is left over is that of a model without them.
+    assert search.ended.model.effects == ()
 
 
 def test_a_model_that_is_not_written_says_nothing_of_its_causes(monkeypatch):

@@ -1,6 +1,8 @@
-"""What unseen logs show as well is no accident of the diagnosed one."""
+"""What unseen logs show as well is no accident, and of causes alike it is the one they show."""
 
 from __future__ import annotations
+
+from dataclasses import replace
 
 import numpy as np
 import pandas as pd
@@ -10,6 +12,157 @@ from machines.foreign.hide import calibration, hide
 from machines.foreign.plant import as_logged
 
 import thermaltool as tt
+from thermaltool.diagnosis.fit import CauseCandidate
+from thermaltool.diagnosis.hypothesis import Hypothesis
+from thermaltool.diagnosis.state import WITHIN_CALIBRATION
+from thermaltool.diagnosis.unseen import (
+    _unseen_gain,
+    preferred_by_diagnosed,
+    ranked_by_unseen,
+)
+from thermaltool.effects import effect_class
+from thermaltool.model import Drive, Model, Output, Term
+from thermaltool.record import Record
+from thermaltool.responses.rational import Rational1
+
+HEAT, BED, SIGMA = "Q_main_W", "T_bed_degC", 0.05
+TIME = 10.0 * np.arange(900)
+KNOWN = 1e-8 * np.eye(2)
+MODEL = Model(
+    drives=(Drive(HEAT, "zero", 0.0, (0.0, 100.0)),),
+    outputs=(Output(BED, "sensor", 20.0, (0.0, 20.0)),),
+    terms=(
+        Term(HEAT, BED, Rational1(0.2, 500.0), covariance=KNOWN, covariance_names=("tau1", "K1")),
+    ),
+    sample_period=10.0,
+)
+# Both make 1.1 times the heat of a drive at 60 W, and differ at 20 W.
+GAIN = effect_class("drive_gain")(HEAT, {"gain": 1.1})
+BENT = effect_class("drive_nonlinearity")(
+    HEAT, {"exponent": 1 - np.log(1.1) / np.log(100 / 60), "level": 100.0}
+)
+JUMP = effect_class("sensor_offset_step")(BED, {"step": 1.0, "time": 4000.0}, "seen")
+
+
+def read(name: str, level: float, share: float) -> Record:
+    """A log of a lag by exact steps, with `share` times the heat that is commanded."""
+    heat = level * np.repeat([0.0, 1.0, 0.0, 1.0, 1.0, 0.0], 150)
+    kept, bed = np.exp(-10.0 / 500.0), [0.0]
+    for each in heat[:-1]:
+        bed.append(kept * bed[-1] + (1 - kept) * 0.2 * share * each)
+    noise = SIGMA * np.random.default_rng(len(name)).standard_normal(len(TIME))
+    return Record(TIME, {HEAT: heat, BED: 20.0 + np.array(bed) + noise}, digest=name, name=name)
+
+
+def told(*logs: Record, order=(GAIN, BENT)) -> list[str]:
+    hypothesis = Hypothesis.of(MODEL, [read("seen", 60.0, 1.1)], MODEL, WITHIN_CALIBRATION)
+    found = [CauseCandidate(e, 50.0 - k, 40.0, WITHIN_CALIBRATION, {}) for k, e in enumerate(order)]
+    return [c.effect.name for c in ranked_by_unseen(hypothesis, found, logs, MODEL)]
+
+
+def law_at(level: float) -> float:
+    return float((level / 100.0) ** (BENT.parameters["exponent"] - 1))
+
+
+def test_the_two_are_alike_in_the_diagnosed_log():
+    assert law_at(60.0) == pytest.approx(1.1)
+    assert law_at(20.0) > 1.3
+
+
+@pytest.mark.parametrize("order", [(GAIN, BENT), (BENT, GAIN)])
+@pytest.mark.parametrize(
+    ("share", "first"), [(1.1, "drive_gain"), (law_at(20.0), "drive_nonlinearity")]
+)
+def test_the_one_that_foretells_the_unseen_log_comes_first(order, share, first):
+    names = told(read("unseen", 20.0, share), order=order)
+    assert names[0] == first
+
+
+def test_what_unseen_logs_should_show_and_do_not_is_left_out():
+    assert told(read("unseen", 60.0, 1.0)) == []
+    # A log in which the drive hardly acts says nothing of it.
+    assert told(read("unseen", 0.001, 1.0)) == ["drive_gain", "drive_nonlinearity"]
+
+
+def test_accidents_keep_their_places_and_without_unseen_logs_all_do():
+    bent = read("unseen", 20.0, law_at(20.0))
+    assert told(bent, order=(GAIN, JUMP, BENT)) == [
+        "drive_nonlinearity",
+        "sensor_offset_step",
+        "drive_gain",
+    ]
+    assert told(order=(GAIN, BENT)) == ["drive_gain", "drive_nonlinearity"]
+
+
+def test_other_assumptions_have_to_be_decisively_better():
+    hypothesis = Hypothesis.of(MODEL, [read("seen", 60.0, 1.1)], MODEL, WITHIN_CALIBRATION)
+    one = CauseCandidate(GAIN, 50.0, 40.0, WITHIN_CALIBRATION, {})
+    unseen = [read("unseen", 60.0, 1.1)]
+    for evidence, first in ((58.0, "one"), (75.0, "other")):
+        more = WITHIN_CALIBRATION | {"modes"}
+        other = CauseCandidate(replace(GAIN), evidence, 40.0, more, {})
+        found = ranked_by_unseen(hypothesis, [other, one], unseen, MODEL)
+        assert (found[0] is one) == (first == "one")
+
+
+def test_what_a_true_cause_would_gain_is_what_it_gains():
+    """Of logs that show little of it, and much, in the mean over their noise."""
+    hypothesis = Hypothesis.of(MODEL, [read("seen", 60.0, 1.1)], MODEL, WITHIN_CALIBRATION)
+    candidate = CauseCandidate(GAIN, 50.0, 40.0, WITHIN_CALIBRATION, {})
+    for level in (1.5, 60.0):
+        logs = [read("x" * k, level, 1.1) for k in range(1, 21)]
+        found = [_unseen_gain(hypothesis.with_logs([log]), candidate) for log in logs]
+        gained, expected = (
+            float(np.mean([getattr(each, name) for each in found]))
+            for name in ("gained", "expected")
+        )
+        assert gained == pytest.approx(expected, rel=0.2)
+
+
+def test_a_sound_log_beside_a_wrong_one_is_no_veto():
+    wrong, sound = read("unseen", 60.0, 1.1), read("other log", 45.0, 1.0)
+    assert "drive_gain" in told(wrong, sound)
+    assert told(sound) == []
+
+
+def test_logs_with_few_readings_or_without_a_column_are_not_asked():
+    log = read("unseen", 20.0, law_at(20.0))
+    for count in (0, 1, 2, 5):
+        few = dict(log.columns)
+        few[BED] = np.where(np.arange(len(TIME)) < count, few[BED], np.nan)
+        assert told(replace(log, columns=few)) == ["drive_gain", "drive_nonlinearity"]
+    source = effect_class("second_source")(
+        "Q_pump_W", {f"gain[{BED}]": 0.02, "time_constant": 500.0}
+    )
+    assert told(log, order=(source, GAIN)) == ["second_source", "drive_gain"]
+
+
+def test_of_forms_that_all_logs_hardly_tell_apart_the_plain_one_comes_first():
+    plain, other = (
+        effect_class("drive_nonlinearity")(HEAT, {name: value, "level": 100.0})
+        for name, value in (("exponent", 1.0), ("dead_band", 0.0))
+    )
+    for order in ((plain, other), (other, plain)):
+        hypothesis = Hypothesis.of(MODEL, [read("seen", 60.0, 1.0)], MODEL, WITHIN_CALIBRATION)
+        found = [CauseCandidate(e, 50.0, 40.0, WITHIN_CALIBRATION, {}) for e in order]
+        ranked = ranked_by_unseen(hypothesis, found, [read("unseen", 60.0, 1.0)], MODEL)
+        assert ranked[0].effect == plain
+
+
+def test_a_cause_that_only_the_diagnosed_logs_speak_for_is_told():
+    jump, gain, bent = (
+        CauseCandidate(e, evidence, 40.0, WITHIN_CALIBRATION, {})
+        for e, evidence in ((JUMP, 90.0), (GAIN, 55.0), (BENT, 50.0))
+    )
+    note = preferred_by_diagnosed([jump, bent, gain], BENT)
+    assert note == (
+        f"drive_gain of {HEAT} explains the diagnosed logs as well (evidence 55, of "
+        f"drive_nonlinearity of {HEAT} 50), and the unseen ones less"
+    )
+    # Not where another was found in the end, nor where the order is the same.
+    assert preferred_by_diagnosed([bent, gain], GAIN) is None
+    assert preferred_by_diagnosed([gain, bent], GAIN) is None
+    assert preferred_by_diagnosed([jump, gain], JUMP) is None
 
 
 @pytest.fixture(scope="module")

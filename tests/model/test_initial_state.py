@@ -79,13 +79,28 @@ def test_a_warm_machine_is_found_and_its_start_estimated():
 
 @pytest.mark.parametrize("before", [250.0, 300.0])
 def test_a_first_reading_off_a_known_rest_tells_a_start_beside_another_misfit(before):
-    """A swing of the residual is too large for the start to explain nearly all of it."""
+    """Beside a swing other responses to the drives explain half of what the start does."""
     swing = np.sin(TIME / 400.0)
     beside = {T: 0.15 * swing, Z: 3.0 * swing}
     assert begins(log(before=before, **beside))[1] == {"free"}
     assert begins(log(**beside))[1] == {"rest"}
     # What stays is a zero of the sensor.
     assert begins(log(**beside | {T: 0.15 * swing + 1.0}))[1] == {"rest"}
+
+
+@pytest.mark.parametrize("rows", [300, 60, 10])
+def test_a_wrong_gain_that_is_read_late_is_no_start(rows):
+    heat = np.where(10.0 * rows > TIME, 1.0, 0.0)
+    record = log(heat=heat, gain=1.3)
+    late = {
+        channel: np.where(np.arange(len(TIME)) < rows, np.nan, values)
+        for channel, values in record.columns.items()
+        if channel != HEAT
+    }
+    for columns in (record.columns, record.columns | late):
+        found, how = begins(replace(record, columns=columns))
+        assert how == {"rest"}
+        assert np.max(np.abs(found[T].computed)) < 10.0
 
 
 def test_lags_of_a_source_and_of_a_sensor_have_a_past_too():

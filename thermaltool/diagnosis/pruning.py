@@ -26,7 +26,8 @@ from thermaltool.signals.detrend import find_outliers
 
 # Share of the misfit that a cause of the written model explains at least: told as 2 %.
 MIN_EXPLAINED = 0.02
-# An only cause may lose this part of what it gains.
+# An only cause may lose this part of what it gains with zeros free, and as they count no more than
+# all.
 MAX_LOST = 0.1
 # What is wrong every day leaves this part at least of what a change explains in its log.
 MIN_EVERYDAY = 0.1
@@ -236,8 +237,11 @@ def _mostly_harms(task: DiagnosisTask, search: SearchState, before: Model, after
     """Whether an only cause loses a practical part of what it gains: without it none is named."""
     logs = [log for log in (*task.logs, *task.validate) if cannot_run(after, log) is None]
     masked = search.hypothesis.simulation.masked
-    gained, lost = balance(before, after, logs, masked, search.noise)
-    return lost >= MAX_LOST * gained
+    for zero_free, most in ((True, MAX_LOST), (False, 1.0)):
+        gained, lost = balance(before, after, logs, masked, search.noise, zero_free)
+        if lost >= most * gained:
+            return True
+    return False
 
 
 def _of_gain(task: DiagnosisTask, search: SearchState) -> SearchState:

@@ -28,11 +28,15 @@ from thermaltool.diagnosis.no_signature import (
 )
 from thermaltool.diagnosis.pruning import pruned, rest_of
 from thermaltool.diagnosis.select import Ranking, ranked
-from thermaltool.diagnosis.shortlist import plain_forms_first
 from thermaltool.diagnosis.simulation import SimulatedLogs
 from thermaltool.diagnosis.sound_logs import MIN_MISFIT, are_silent, misfit, sound_logs
 from thermaltool.diagnosis.state import DiagnosisTask, SearchState
-from thermaltool.diagnosis.unseen import borne_out, foretelling, overruled, seen_in_all
+from thermaltool.diagnosis.unseen import (
+    borne_out,
+    preferred_by_diagnosed,
+    ranked_by_unseen,
+    seen_in_all,
+)
 from thermaltool.diagnosis.validate import judge
 from thermaltool.diagnosis.written import cannot_run, gains_of
 
@@ -139,6 +143,8 @@ def _step(task: DiagnosisTask, search: SearchState) -> SearchState:
         ranking = replace(ranking, fitted=told)
         better = ranking.better_assumptions()
         strong: list[CauseCandidate] = []
+        of_logs: list[CauseCandidate] = []
+        refused: list[CauseCandidate] = []
         if better is None:
             strong = ranking.strong(0.0 if "white" in hypothesis.assumptions else DECISIVE_EVIDENCE)
             if search.causes:
@@ -148,8 +154,9 @@ def _step(task: DiagnosisTask, search: SearchState) -> SearchState:
                 ]  # fmt: skip
             if task.validate:
                 task.progress("unseen logs")
-            strong = borne_out(hypothesis, strong, task.validate, task.model)
-            of_logs, strong = strong, foretelling(hypothesis, strong, task.validate, task.model)
+            of_logs = borne_out(hypothesis, strong, task.validate, task.model)
+            strong = ranked_by_unseen(hypothesis, of_logs, task.validate, task.model)
+            refused = [c for c in of_logs if not any(c is each for each in strong)]
             # A start explains more than causes that do not stand: it comes before weaker causes
             # than the strongest, and before any unknown; but for the one that explains the most
             # by itself, and more than the start.
@@ -161,15 +168,16 @@ def _step(task: DiagnosisTask, search: SearchState) -> SearchState:
                 first = [strong[0], plain] if beside and plain is not strong[0] else strong[:1]
             found = _confirmed(task, search, hypothesis, ranking, first)
             if found is not None:
-                other = overruled(of_logs, strong, found.causes[-1].effect)
+                other = preferred_by_diagnosed(strong, found.causes[-1].effect)
                 return found if other is None else found.noted(other)
         if better is None:
-            found = _confirmed_unseen(task, search, hypothesis, ranking)
+            suspects = [c for c in ranking.strong(0.0) if not any(c is each for each in refused)]
+            found = _confirmed_unseen(task, search, hypothesis, ranking, suspects)
             found = found or _too_short(task, search, hypothesis)
             return found or replace(
                 search,
                 ended=hypothesis,
-                unconfirmed=strong[0] if strong else None,
+                unconfirmed=of_logs[0] if of_logs else None,
                 suspects=tuple(ranking.strong(0.0)),
                 exhausted=True,
             )
@@ -210,12 +218,16 @@ def _confirmed(
 
 
 def _confirmed_unseen(
-    task: DiagnosisTask, search: SearchState, hypothesis: Hypothesis, ranking: Ranking
+    task: DiagnosisTask,
+    search: SearchState,
+    hypothesis: Hypothesis,
+    ranking: Ranking,
+    suspects: Sequence[CauseCandidate],
 ) -> SearchState | None:
     """The search with a first cause that unseen logs confirm; None where there is none."""
     if search.causes:
         return None
-    faint = seen_in_all(hypothesis, ranking.strong(0.0), task.validate, ranking.correction)
+    faint = seen_in_all(hypothesis, suspects, task.validate, ranking.correction)
     found = _confirmed(task, search, hypothesis, ranking, faint, faint=True)
     if found is None:
         return None
@@ -305,7 +317,7 @@ def _judged(ranking: Ranking, strong: Sequence[CauseCandidate]) -> list[CauseCan
 
     Beside a model that is free to change every cause looks strong.
     """
-    first = plain_forms_first(strong)[:MAX_HELD_OUT]
+    first = strong[:MAX_HELD_OUT]
     places = {c.place for c in first}
     others: dict[object, CauseCandidate] = {}
     for candidate in sorted(strong, key=lambda c: -ranking.beyond(c)):

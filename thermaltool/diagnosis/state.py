@@ -245,7 +245,9 @@ class SearchState:
         if model is self.hypothesis.model:
             return search
         bare = self.hypothesis.with_model(model)
-        return replace(search, hypothesis=bare).moved_to(fitted_together(bare))
+        found = replace(search, hypothesis=bare).moved_to(fitted_together(bare))
+        # What is left without any cause is that of a model without one.
+        return found if kept else replace(found, ended=found.open())
 
     def moved_to(self, after: Hypothesis) -> SearchState:
         """The same with its causes as another hypothesis has them.

@@ -2,22 +2,25 @@
 
 What every log shows is no accident. A jump or a step bends to many a misfit of the log in which it
 is; in another log it is none, or another one, and what acts in both explains both at once. Of two
-lasting causes that explain a log alike the one that foretells the others is it. What parts of one
-log do not confirm all logs together may show.
+lasting causes that explain a log alike the one comes first that explains the others better. What
+parts of one log do not confirm all logs together may show.
 """
 
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import replace
+from dataclasses import dataclass, replace
 
 import numpy as np
 
 from thermaltool.diagnosis.assumptions import Assumptions
 from thermaltool.diagnosis.evidence import DECISIVE_EVIDENCE
-from thermaltool.diagnosis.fit import CauseCandidate, products_of, profile, score
+from thermaltool.diagnosis.fit import CandidateProducts, CauseCandidate, products_of, score
 from thermaltool.diagnosis.hypothesis import Hypothesis
+from thermaltool.diagnosis.residual import MIN_ROWS
 from thermaltool.diagnosis.select import fit_candidate
+from thermaltool.diagnosis.shortlist import plain_forms_first
+from thermaltool.diagnosis.written import cannot_run
 from thermaltool.effects.effect import Effect
 from thermaltool.errors import ModelError
 from thermaltool.model import Model
@@ -26,11 +29,11 @@ from thermaltool.record import Record
 # Evidence in all logs of what the diagnosed ones do not show decisively: what a model is off by on
 # every other day has some, too.
 MIN_IN_ALL = 40.0
-# Evidence from which unseen logs should tell a lasting cause.
-CLEAR = 2 * DECISIVE_EVIDENCE
+# An unseen log should show a lasting cause that would gain so much in it, were it true.
+MIN_EXPECTED = 2 * DECISIVE_EVIDENCE
 
 
-def foretelling(
+def ranked_by_unseen(
     hypothesis: Hypothesis,
     candidates: Sequence[CauseCandidate],
     unseen: Sequence[Record],
@@ -39,8 +42,9 @@ def foretelling(
     """Candidates of which the lasting ones are in the order of what they explain of all logs.
 
     Of the diagnosed logs their evidence, of the unseen ones what they gain there as they stand: no
-    parameter is fitted to these, so that none is paid for. One that should be clear there, and is
-    not, is left out. Accidents keep their places.
+    parameter of theirs is fitted to these, so that none is paid for. One that every unseen log that
+    should show it clearly does not show is left out. Of forms that all logs hardly tell apart the
+    catalogue's first one comes first. Accidents keep their places.
 
     Parameters
     ----------
@@ -48,70 +52,108 @@ def foretelling(
         As in `borne_out`.
     """
     lasting = [c for c in candidates if c.effect.log is None]
-    if not (lasting and unseen):
-        return list(candidates)
+    logs = [log for log in unseen if _can_judge(hypothesis, log)]
+    if not (lasting and logs):
+        return plain_forms_first(candidates)
     there = {
-        a: [hypothesis.under(a, calibrated).with_logs([log]) for log in unseen]
+        a: [hypothesis.under(a, calibrated).with_logs([log]) for log in logs]
         for a in {c.assumptions for c in lasting}
     }
-    worth: list[tuple[float, CauseCandidate]] = []
-    for c in lasting:
-        found = [_foretold(each, c) for each in there[c.assumptions]]
-        gained, expected = (sum(each) for each in zip(*found, strict=True))
-        if gained > DECISIVE_EVIDENCE or expected < CLEAR:
-            changed = DECISIVE_EVIDENCE * (c.assumptions != hypothesis.assumptions)
-            worth.append((c.evidence - changed + gained, c))
-    worth.sort(key=lambda each: -each[0])
-    ordered = iter([c for _, c in worth])
-    kept = [c for c in candidates if c.effect.log is not None or any(c is x for _, x in worth)]
-    return [next(ordered) if c.effect.log is None else c for c in kept]
+    gains = [[_unseen_gain(each, c) for each in there[c.assumptions]] for c in lasting]
+    # Of what only some can be run over nothing is compared.
+    common = [k for k in range(len(logs)) if all(each[k] is not None for each in gains)]
+    worth: list[CauseCandidate] = []
+    for c, found in zip(lasting, gains, strict=True):
+        clear = [each.gained for each in found if each and each.expected > MIN_EXPECTED]
+        if clear and max(clear) <= DECISIVE_EVIDENCE:
+            continue
+        changed = DECISIVE_EVIDENCE * (c.assumptions != hypothesis.assumptions)
+        gained = sum(each.gained for k in common if (each := found[k]))
+        worth.append(replace(c, evidence=c.evidence - changed + gained))
+    worth.sort(key=lambda c: -c.evidence)
+    own = {id(c.effect): c for c in lasting}
+    ordered = iter([own[id(c.effect)] for c in plain_forms_first(worth)])
+    kept = {id(c.effect) for c in worth}
+    left = [c for c in candidates if c.effect.log is not None or id(c.effect) in kept]
+    return [next(ordered) if c.effect.log is None else c for c in left]
 
 
-def overruled(
-    of_logs: Sequence[CauseCandidate], of_all: Sequence[CauseCandidate], cause: Effect
-) -> str | None:
+def preferred_by_diagnosed(ranked: Sequence[CauseCandidate], found: Effect) -> str | None:
     """A sentence on the cause that the diagnosed logs alone would name; None where it is the same.
 
     Parameters
     ----------
-    of_logs, of_all : sequence of CauseCandidate
-        Before `foretelling` and after it.
-    cause : Effect
-        That was found.
+    ranked : sequence of CauseCandidate
+        By `ranked_by_unseen`.
+    found : Effect
+        The cause that was found.
     """
-    before, after = (
-        next((c.effect.name for c in each if c.effect.log is None), cause.name)
-        for each in (of_logs, of_all)
-    )
-    if cause.name != after or before == after:
+    lasting = [c for c in ranked if c.effect.log is None]
+    if not lasting:
         return None
+    first, strongest = lasting[0], max(lasting, key=lambda c: c.evidence)
+    if first.place != (found.name, found.channel, found.log) or strongest.place == first.place:
+        return None
+    other, own = (
+        f"{c.effect.name} of {c.effect.channel or 'a source'}" for c in (strongest, first)
+    )
     return (
-        f"{before} explains the diagnosed logs no worse than {after} does, and the unseen ones less"
+        f"{other} explains the diagnosed logs as well (evidence {strongest.evidence:.0f}, of "
+        f"{own} {first.evidence:.0f}), and the unseen ones less"
     )
 
 
-def _foretold(unseen: Hypothesis, candidate: CauseCandidate) -> tuple[float, float]:
-    """Twice the rise of the log likelihood of an unseen log by a cause as it stands.
+@dataclass(frozen=True)
+class UnseenGain:
+    """What a cause is worth in an unseen log, as it stands.
 
-    And what it would be of a cause that is true.
+    Attributes
+    ----------
+    gained, expected : float
+        Twice the rise of the log likelihood, and what it would be of a cause that is true.
     """
-    effect, assumptions = candidate.effect, candidate.assumptions
-    try:
-        displacement = {"": unseen.simulation.displacement(effect)}
-    except ModelError:  # a column is not there
-        return 0.0, 0.0
-    products = products_of(unseen, displacement, assumptions)
-    if not products:
-        return 0.0, 0.0
-    found, as_it_stands = profile(list(products.values()), 1, np.ones(1)), np.ones(1)
+
+    gained: float
+    expected: float
+
+
+def _unseen_gain(unseen: Hypothesis, candidate: CauseCandidate) -> UnseenGain | None:
+    """What a cause is worth in an unseen log; None where it cannot be run over it."""
+    products = _standing(unseen, candidate.effect, candidate.assumptions)
+    if products is None:
+        return None
     gained = expected = 0.0
-    for (output, own), gain, level in zip(
-        products.items(), found.gains.tolist(), found.levels, strict=True
-    ):
-        independence = unseen.evidence[output].independence
-        gained += 2 * independence * gain
-        expected += independence * own.C[level, 0, 0] / own.variance(as_it_stands, level)
-    return gained, expected
+    for output, own in products.items():
+        independence, caused = unseen.evidence[output].independence, own.C[:, 0, 0]
+        left = own.null.square - 2 * own.b[:, 0] + caused
+        beside, without = (
+            float(np.min(own.null.negative_log(square))) for square in (left, left + caused)
+        )
+        gained += 2 * independence * (own.null.best - beside)
+        expected += 2 * independence * (without - beside)
+    return UnseenGain(gained, expected)
+
+
+def _standing(
+    hypothesis: Hypothesis, effect: Effect, assumptions: Assumptions
+) -> dict[str, CandidateProducts] | None:
+    """Products of what an effect does as it stands; None where it cannot be run."""
+    try:
+        displacement = {"": hypothesis.simulation.displacement(effect)}
+    except ModelError:
+        return None
+    return products_of(hypothesis, displacement, assumptions)
+
+
+def _can_judge(hypothesis: Hypothesis, log: Record) -> bool:
+    """Whether a log has readings enough of every output of which it has any."""
+    readings = [
+        int(np.isfinite(log.columns[output]).sum())
+        for output in hypothesis.groups
+        if output in log.columns
+    ]
+    enough = all(not count or count >= MIN_ROWS for count in readings)
+    return any(readings) and enough and cannot_run(hypothesis.model, log) is None
 
 
 def borne_out(
@@ -187,7 +229,7 @@ def seen_in_all(
         replace(each, evidence=fit_candidate(every, each).evidence - correction) for each in lasting
     ]
     clear = [each for each in found if each.evidence > MIN_IN_ALL]
-    return sorted(clear, key=lambda each: -each.evidence)
+    return plain_forms_first(sorted(clear, key=lambda each: -each.evidence))
 
 
 def _again(one: Hypothesis, candidate: CauseCandidate) -> float:
@@ -201,8 +243,7 @@ def _again(one: Hypothesis, candidate: CauseCandidate) -> float:
 
 def _as_it_stands(hypothesis: Hypothesis, effect: Effect, assumptions: Assumptions) -> float:
     """Evidence of an effect of which no amplitude is fitted."""
-    displacement = {"": hypothesis.simulation.displacement(effect)}
-    products = products_of(hypothesis, displacement, assumptions)
+    products = _standing(hypothesis, effect, assumptions)
     if not products:
         return 0.0
     return score(hypothesis, effect, [""], products, assumptions, fixed=True).evidence

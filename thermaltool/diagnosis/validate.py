@@ -36,9 +36,9 @@ from thermaltool.record import Record
 MIN_FLOORS, MAX_SHARE_OF_MISFIT = 1.0, 0.7
 # Change of an output by a cause, over the range in which it was measured, at most.
 MAX_OF_MEASURED = 2.0
-# What follows any slow course of one log has to explain this share of what is wrong; it is slow
-# with fewer periods or time constants in the log.
-MIN_SHARE_OF_COURSE, MAX_PERIODS_OF_COURSE = 0.5, 8.0
+# What follows any slow course of one log, or what parts of the logs do not confirm, has to explain
+# this share of what is wrong; it is slow with fewer periods or time constants in the log.
+MIN_SHARE_OF_DOUBTFUL, MAX_PERIODS_OF_COURSE = 0.5, 8.0
 # Turns between the model's own parameters and those of a cause.
 MAX_TURNS = 2
 
@@ -135,7 +135,8 @@ def judge(
         if not _sure(candidate.effect, intervals) or _too_large(after, candidate.effect):
             return None
         share = explained(noise, gains)
-        if _any_slow_course(candidate.effect, after) and share < MIN_SHARE_OF_COURSE:
+        doubtful = faint or _any_slow_course(candidate.effect, after)
+        if doubtful and share < MIN_SHARE_OF_DOUBTFUL:
             return None
     except ModelError:  # the effect runs away with the parameters that go with it
         return None

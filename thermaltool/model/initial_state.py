@@ -53,12 +53,14 @@ MAX_LEFT_BY_STATE, MIN_TIME_CONSTANTS, MIN_ROWS_PER_STATE = 0.35, 2.0, 10
 # ... and what it does later than so many of the slowest time constants is this share of all at
 # most: what begins there is no start.
 MAX_LATE, LATE_TIME_CONSTANTS = 0.5, 2.0
-# Where the first readings, and not the last, are off a known rest by more than this share of what
-# the calibration has seen, no gain makes that: a start need not explain more than most of it.
-FIRST_READINGS, FIRST_OFF = 5, 0.03
 # ... and less than this share of what any other responses to the commanded drives leave: where one
 # acts once, as the log begins, a wrong gain looks like a start.
 MAX_LEFT_BESIDE_DRIVES = 0.5
+# First readings that are off a known rest by more than this share of what the calibration has seen,
+# before the model itself has moved by this part of that, are no wrong gain: a start then has to
+# leave less than other responses to the drives, and no more. They lie within this share of the
+# slowest time constant.
+FIRST_READINGS, FIRST_OFF, FIRST_MOVED, FIRST_TIME = 5, 0.03, 0.3, 0.1
 
 
 @dataclass(frozen=True)
@@ -91,7 +93,8 @@ def started_outputs(
 
     "auto" takes the machine to be at rest at the first row unless its calibration did not begin at
     rest either, or some output says clearly that it is not: most of what the model leaves of it
-    from rest is a start that decays. A machine is at rest as a whole, or not.
+    from rest is a start that decays, or its first readings are off a known zero, and its last are
+    not. A machine is at rest as a whole, or not.
 
     Parameters
     ----------
@@ -344,18 +347,30 @@ class _FreeState:
         found = np.asarray(lstsq(table, off, cond=MIN_SENSITIVITY)[0])
         left, early, late = off - table @ found, off[: len(off) // 4], off[len(off) // 2 :]
         most = MAX_LEFT_BY_STATE * float(np.std(off))
-        explains = float(np.std(left)) < most
-        explains &= self._begins_at_once((found / size)[: len(decays)] @ decays, rows)
-        if explains:
+        at_once = self._begins_at_once((found / size)[: len(decays)] @ decays, rows)
+        begins_off = at_once and self._begins_off(off, simulated, rows)
+        explains = at_once and float(np.std(left)) < most
+        if explains or begins_off:
             other = float(np.std(self._without_drives(off, rows)))
-            explains = float(np.std(left)) < MAX_LEFT_BESIDE_DRIVES * other
+            explains &= float(np.std(left)) < MAX_LEFT_BESIDE_DRIVES * other
+            begins_off &= float(np.std(left)) < other
         reaches = float(np.std(left)) < MAX_LEFT_BY_STATE * float(np.sqrt(np.mean(off**2)))
         is_over = float(np.std(late)) < max(most, MAX_LEFT_BY_STATE * float(np.std(early)))
-        begun = abs(float(np.median(off[:FIRST_READINGS])))
-        begins_off = not self.is_zero_free and begun > FIRST_OFF * max(map(abs, self.output.range))
-        begins_off &= float(np.sqrt(np.mean(late**2))) < MAX_LEFT_BY_STATE * begun
         fitted = _StateFit(self, decays_at, found / size, reaches, explains, is_over, begins_off)
         return fitted, left
+
+    def _begins_off(self, off: Float, simulated: Float, rows: NDArray[np.intp]) -> bool:
+        """Whether the first readings are clearly off a known rest, and the last are not."""
+        first, late = slice(0, FIRST_READINGS), off[len(off) // 2 :]
+        begun = abs(float(np.median(off[first])))
+        moved = float(np.max(np.abs(simulated[rows[first]])))
+        return (
+            not self.is_zero_free
+            and float(self.course.clock[rows[first]][-1]) < FIRST_TIME * self.slowest
+            and begun > FIRST_OFF * max(map(abs, self.output.range))
+            and moved < FIRST_MOVED * begun
+            and float(np.sqrt(np.mean(late**2))) < MAX_LEFT_BY_STATE * begun
+        )
 
     def _begins_at_once(self, decay: Float, rows: NDArray[np.intp]) -> bool:
         """Whether most of a way to rest lies in the first time constants."""
