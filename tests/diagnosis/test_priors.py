@@ -8,7 +8,7 @@ import thermaltool as tt
 from thermaltool.diagnosis.correction import corrected
 from thermaltool.diagnosis.hypothesis import Hypothesis
 from thermaltool.diagnosis.priors import root_of
-from thermaltool.diagnosis.search import WITHIN_CALIBRATION
+from thermaltool.diagnosis.state import WITHIN_CALIBRATION
 
 OUTPUT = "T_far_degC"
 

@@ -8,7 +8,7 @@ import pandas as pd
 import pytest
 
 import thermaltool as tt
-from thermaltool.diagnosis.search import _are_silent
+from thermaltool.diagnosis.sound_logs import are_silent
 from thermaltool.effects import effect_class
 from thermaltool.record import Record
 
@@ -79,7 +79,7 @@ def test_a_log_in_which_a_cause_is_never_there_says_nothing_of_it(model):
             ),
         )  # fmt: skip
         columns = {name: frame[name].to_numpy(float) for name in frame if name != "time_s"}
-        return _are_silent(search, Record(frame["time_s"].to_numpy(), {**columns, **pumped}))
+        return are_silent(search, Record(frame["time_s"].to_numpy(), {**columns, **pumped}))
 
     off, on = {"U_pump_1": np.zeros(ROWS)}, {"U_pump_1": (np.arange(ROWS) > 300).astype(float)}
     assert silent(off)

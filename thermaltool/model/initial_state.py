@@ -30,7 +30,6 @@ from thermaltool.model.simulate import (
     Course,
     acting_drives,
     acting_effects,
-    sum_terms,
     with_acting_terms,
 )
 from thermaltool.record import Record, Rows
@@ -126,7 +125,7 @@ def started_outputs(
         return rested
     judged = np.ones(len(record), bool) if rows is None else rows
     shifted = set(rest_shifts(model, drive_rests(model, record)))
-    course = _course(model, record)
+    course = Course.over(model, record)
     found = {}
     for o in model.outputs:
         if o.channel in rested:
@@ -393,13 +392,3 @@ class _FreeState:
         table = np.column_stack([np.ones(len(rows)), *lags])
         table /= np.maximum(np.max(np.abs(table), axis=0), np.finfo(float).tiny)
         return off - table @ np.linalg.lstsq(table, off, rcond=MIN_SENSITIVITY)[0]
-
-
-def _course(model: Model, record: Record) -> Course:
-    """The course of the state, its clock from 0 at the first row."""
-    effects = acting_effects(model, record.digest)
-    states = [e for e in effects if e.varies]
-    if not states:
-        return Course(record.elapsed, np.zeros(len(record)))
-    course = Course.of(states, record, sum_terms(model, effects, record))
-    return Course(course.clock - course.clock[0], course.cooling)

@@ -280,6 +280,22 @@ class Course:
             clock = np.append(0.0, np.cumsum(pace[:-1] * steps))
             return cls(record.time[:1] + clock, np.append(0.0, np.cumsum(rate[:-1] * steps)))
 
+    @classmethod
+    def over(cls, model: Model, record: Record) -> Course:
+        """Over a log by a model and the effects that act in it, its clock from 0 at the first row.
+
+        Parameters
+        ----------
+        model : Model
+        record : Record
+        """
+        effects = acting_effects(model, record.digest)
+        states = [e for e in effects if e.varies]
+        if not states:
+            return cls(record.elapsed, np.zeros(len(record)))
+        course = cls.of(states, record, sum_terms(model, effects, record))
+        return cls(course.clock - course.clock[0], course.cooling)
+
     def differs(self, other: Course) -> float:
         """Largest difference of the cooling [1], or of the clock [its duration].
 
