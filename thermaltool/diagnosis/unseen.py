@@ -44,7 +44,8 @@ def ranked_by_unseen(
     Of the diagnosed logs their evidence, of the unseen ones what they gain there as they stand: no
     parameter of theirs is fitted to these, so that none is paid for. One that every unseen log that
     should show it clearly does not show is left out. Of forms that all logs hardly tell apart the
-    catalogue's first one comes first. Accidents keep their places.
+    catalogue's first one comes first. Accidents keep their places, and so does what was fitted
+    under other assumptions than the strongest.
 
     Parameters
     ----------
@@ -59,23 +60,25 @@ def ranked_by_unseen(
         a: [hypothesis.under(a, calibrated).with_logs([log]) for log in logs]
         for a in {c.assumptions for c in lasting}
     }
-    gains = [[_unseen_gain(each, c) for each in there[c.assumptions]] for c in lasting]
+    gains = {id(c): [_unseen_gain(each, c) for each in there[c.assumptions]] for c in lasting}
+
+    def refused(c: CauseCandidate) -> bool:
+        clear = [g.gained for g in gains.get(id(c), ()) if g and g.expected > MIN_EXPECTED]
+        return bool(clear) and max(clear) <= DECISIVE_EVIDENCE
+
+    left = [c for c in candidates if not refused(c)]
+    # Beside a model that is free, or another start, a gain is none of the cause alone.
+    alike = [c for c in left if id(c) in gains and c.assumptions == lasting[0].assumptions]
     # Of what only some can be run over nothing is compared.
-    common = [k for k in range(len(logs)) if all(each[k] is not None for each in gains)]
-    worth: list[CauseCandidate] = []
-    for c, found in zip(lasting, gains, strict=True):
-        clear = [each.gained for each in found if each and each.expected > MIN_EXPECTED]
-        if clear and max(clear) <= DECISIVE_EVIDENCE:
-            continue
-        changed = DECISIVE_EVIDENCE * (c.assumptions != hypothesis.assumptions)
-        gained = sum(each.gained for k in common if (each := found[k]))
-        worth.append(replace(c, evidence=c.evidence - changed + gained))
+    common = [k for k in range(len(logs)) if all(gains[id(c)][k] is not None for c in alike)]
+    worth = [
+        replace(c, evidence=c.evidence + sum(g.gained for k in common if (g := gains[id(c)][k])))
+        for c in alike
+    ]
     worth.sort(key=lambda c: -c.evidence)
-    own = {id(c.effect): c for c in lasting}
+    own = {id(c.effect): c for c in alike}
     ordered = iter([own[id(c.effect)] for c in plain_forms_first(worth)])
-    kept = {id(c.effect) for c in worth}
-    left = [c for c in candidates if c.effect.log is not None or id(c.effect) in kept]
-    return [next(ordered) if c.effect.log is None else c for c in left]
+    return [next(ordered) if any(c is each for each in alike) else c for c in left]
 
 
 def preferred_by_diagnosed(ranked: Sequence[CauseCandidate], found: Effect) -> str | None:
