@@ -160,6 +160,8 @@ def test_a_cause_that_only_the_diagnosed_logs_speak_for_is_told():
     assert preferred_by_diagnosed([bent, gain], GAIN) is None
     assert preferred_by_diagnosed([gain, bent], GAIN) is None
     assert preferred_by_diagnosed([jump, gain], JUMP) is None
+    free = replace(gain, assumptions=WITHIN_CALIBRATION | {"modes"})
+    assert preferred_by_diagnosed([bent, free], BENT) is None
 
 
 @pytest.fixture(scope="module")

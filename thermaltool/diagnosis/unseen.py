@@ -94,7 +94,9 @@ def preferred_by_diagnosed(ranked: Sequence[CauseCandidate], found: Effect) -> s
     lasting = [c for c in ranked if c.effect.log is None]
     if not lasting:
         return None
-    first, strongest = lasting[0], max(lasting, key=lambda c: c.evidence)
+    first = lasting[0]
+    alike = (c for c in lasting if c.assumptions == first.assumptions)
+    strongest = max(alike, key=lambda c: c.evidence)
     if first.place != (found.name, found.channel, found.log) or strongest.place == first.place:
         return None
     other, own = (
