@@ -228,8 +228,12 @@ def _harmful(task: DiagnosisTask, search: SearchState) -> tuple[Cause, str] | No
     for cause in reversed(acting):
         rest = without(written, cause.effect)
         harmed = search.harmed(task, written, rest)
-        if harmed is not None and (len(acting) > 1 or _mostly_harms(task, search, rest, written)):
-            return cause, _worse(*harmed)
+        # What happened in one log alone is told by that log: a frozen sensor has a zero of its own.
+        alone = len(acting) == 1
+        told = alone and cause.effect.log is not None
+        if harmed is None or told or (alone and not _mostly_harms(task, search, rest, written)):
+            continue
+        return cause, _worse(*harmed)
     return None
 
 
