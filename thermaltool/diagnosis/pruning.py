@@ -26,8 +26,8 @@ from thermaltool.signals.detrend import find_outliers
 
 # Share of the misfit that a cause of the written model explains at least: told as 2 %.
 MIN_EXPLAINED = 0.02
-# An only cause may lose this part of what it gains with zeros free, and as they count no more than
-# all.
+# An only cause that lasts may lose this part of what it gains with zeros free, and as they count no
+# more than it gains.
 MAX_LOST = 0.1
 # What is wrong every day leaves this part at least of what a change explains in its log.
 MIN_EVERYDAY = 0.1
@@ -226,23 +226,23 @@ def _harmful(task: DiagnosisTask, search: SearchState) -> tuple[Cause, str] | No
     written = search.written(task)
     acting = [cause for cause in search.causes if cause.effect in written.effects]
     for cause in reversed(acting):
-        rest = without(written, cause.effect)
-        harmed = search.harmed(task, written, rest)
-        # What happened in one log alone is told by that log: a frozen sensor has a zero of its own.
-        alone = len(acting) == 1
-        told = alone and cause.effect.log is not None
-        if harmed is None or told or (alone and not _mostly_harms(task, search, rest, written)):
-            continue
-        return cause, _worse(*harmed)
+        harmed = search.harmed(task, written, without(written, cause.effect))
+        if harmed is not None and (len(acting) > 1 or _mostly_harms(task, search, cause, written)):
+            return cause, _worse(*harmed)
     return None
 
 
-def _mostly_harms(task: DiagnosisTask, search: SearchState, before: Model, after: Model) -> bool:
-    """Whether an only cause loses a practical part of what it gains: without it none is named."""
-    logs = [log for log in (*task.logs, *task.validate) if cannot_run(after, log) is None]
-    masked = search.hypothesis.simulation.masked
+def _mostly_harms(task: DiagnosisTask, search: SearchState, cause: Cause, written: Model) -> bool:
+    """Whether an only cause that lasts loses a practical part of what it gains.
+
+    What happened in one log alone is told by that log: a frozen sensor has a zero of its own.
+    """
+    if cause.effect.log is not None:
+        return False
+    logs = [log for log in (*task.logs, *task.validate) if cannot_run(written, log) is None]
+    rest, masked = without(written, cause.effect), search.hypothesis.simulation.masked
     for zero_free, most in ((True, MAX_LOST), (False, 1.0)):
-        gained, lost = balance(before, after, logs, masked, search.noise, zero_free)
+        gained, lost = balance(rest, written, logs, masked, search.noise, zero_free)
         if lost >= most * gained:
             return True
     return False
