@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 from scipy.integrate import solve_ivp
 
+from thermaltool.responses.delay import DelayedModes
 from thermaltool.responses.modes import Modes
 from thermaltool.responses.varying_loss import run_with_loss
 
@@ -43,3 +44,18 @@ def test_the_integral_may_be_of_any_size():
     got = run_with_loss(modes, TIME, np.ones(len(TIME)), "zero", cooling)
     assert np.isfinite(got).all()
     assert np.ptp(got[100:]) < 1e-12
+
+
+@pytest.mark.parametrize("late", [0.0, 3.0])
+@pytest.mark.parametrize("hold", ["zero", "first"])
+def test_what_entered_last_before_a_loss_ends_is_followed(late, hold):
+    """Γ rises to a little over `MAX_SPAN`; the last inputs before have not lost all."""
+    poles, weights = np.array([-0.05 + 0j]), np.array([0.05 + 0j])
+    modes = DelayedModes(poles, weights, delay=late) if late else Modes(poles, weights)
+    rate = np.where(TIME < 40, 2.45, np.where(TIME < 41, 3.0, 0.0))
+    cooling = np.append(0.0, np.cumsum(rate[:-1] * np.diff(TIME)))
+    got = run_with_loss(modes, TIME, np.where((TIME >= 35) & (TIME < 40), 1.0, 0.0), hold, cooling)
+    # From 44 on nothing enters and nothing more is lost.
+    start, at = (int(np.flatnonzero(t == TIME)[0]) for t in (45, 60))
+    assert got[start] > 1e-4
+    assert got[at] == pytest.approx(got[start] * np.exp(-0.05 * (60 - 45)), rel=1e-9)
