@@ -15,11 +15,7 @@ import thermaltool as tt
 from thermaltool.diagnosis.fit import CauseCandidate
 from thermaltool.diagnosis.hypothesis import Hypothesis
 from thermaltool.diagnosis.state import WITHIN_CALIBRATION
-from thermaltool.diagnosis.unseen import (
-    _unseen_gain,
-    preferred_by_diagnosed,
-    ranked_by_unseen,
-)
+from thermaltool.diagnosis.unseen import UnseenLogs, _unseen_gain, preferred_by_diagnosed
 from thermaltool.effects import effect_class
 from thermaltool.model import Drive, Model, Output, Term
 from thermaltool.record import Record
@@ -57,7 +53,7 @@ def read(name: str, level: float, share: float) -> Record:
 def told(*logs: Record, order=(GAIN, BENT)) -> list[str]:
     hypothesis = Hypothesis.of(MODEL, [read("seen", 60.0, 1.1)], MODEL, WITHIN_CALIBRATION)
     found = [CauseCandidate(e, 50.0 - k, 40.0, WITHIN_CALIBRATION, {}) for k, e in enumerate(order)]
-    return [c.effect.name for c in ranked_by_unseen(hypothesis, found, logs, MODEL)]
+    return [c.effect.name for c in UnseenLogs(hypothesis, logs, MODEL).ranked(found)]
 
 
 def law_at(level: float) -> float:
@@ -99,7 +95,7 @@ def test_what_was_fitted_under_other_assumptions_keeps_its_place():
     other = CauseCandidate(BENT, 60.0, 40.0, WITHIN_CALIBRATION | {"modes"}, {})
     gain, bent = (CauseCandidate(e, 50.0, 40.0, WITHIN_CALIBRATION, {}) for e in (GAIN, BENT))
     unseen = [read("unseen", 20.0, law_at(20.0))]
-    assert ranked_by_unseen(hypothesis, [gain, other, bent], unseen, MODEL) == [bent, other, gain]
+    assert UnseenLogs(hypothesis, unseen, MODEL).ranked([gain, other, bent]) == [bent, other, gain]
 
 
 def test_what_a_true_cause_would_gain_is_what_it_gains():
@@ -142,7 +138,7 @@ def test_of_forms_that_all_logs_hardly_tell_apart_the_plain_one_comes_first():
     for order in ((plain, other), (other, plain)):
         hypothesis = Hypothesis.of(MODEL, [read("seen", 60.0, 1.0)], MODEL, WITHIN_CALIBRATION)
         found = [CauseCandidate(e, 50.0, 40.0, WITHIN_CALIBRATION, {}) for e in order]
-        ranked = ranked_by_unseen(hypothesis, found, [read("unseen", 60.0, 1.0)], MODEL)
+        ranked = UnseenLogs(hypothesis, [read("unseen", 60.0, 1.0)], MODEL).ranked(found)
         assert ranked[0].effect == plain
 
 

@@ -31,12 +31,7 @@ from thermaltool.diagnosis.select import Ranking, ranked
 from thermaltool.diagnosis.simulation import SimulatedLogs
 from thermaltool.diagnosis.sound_logs import MIN_MISFIT, are_silent, misfit, sound_logs
 from thermaltool.diagnosis.state import DiagnosisTask, SearchState
-from thermaltool.diagnosis.unseen import (
-    borne_out,
-    preferred_by_diagnosed,
-    ranked_by_unseen,
-    seen_in_all,
-)
+from thermaltool.diagnosis.unseen import UnseenLogs, preferred_by_diagnosed
 from thermaltool.diagnosis.validate import judge
 from thermaltool.diagnosis.written import cannot_run, gains_of
 
@@ -154,8 +149,9 @@ def _step(task: DiagnosisTask, search: SearchState) -> SearchState:
                 ]  # fmt: skip
             if task.validate:
                 task.progress("unseen logs")
-            of_logs = borne_out(hypothesis, strong, task.validate, task.model)
-            strong = ranked_by_unseen(hypothesis, of_logs, task.validate, task.model)
+            unseen = UnseenLogs(hypothesis, task.validate, task.model)
+            of_logs = unseen.borne_out(strong)
+            strong = unseen.ranked(of_logs)
             refused = [c for c in of_logs if not any(c is each for each in strong)]
             # A start explains more than causes that do not stand: it comes before weaker causes
             # than the strongest, and before any unknown; but for the one that explains the most
@@ -227,7 +223,8 @@ def _confirmed_unseen(
     """The search with a first cause that unseen logs confirm; None where there is none."""
     if search.causes:
         return None
-    faint = seen_in_all(hypothesis, suspects, task.validate, ranking.correction)
+    unseen = UnseenLogs(hypothesis, task.validate, task.model)
+    faint = unseen.shown_by_all(suspects, ranking.correction)
     found = _confirmed(task, search, hypothesis, ranking, faint, faint=True)
     if found is None:
         return None

@@ -10,6 +10,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
+from functools import cached_property
 
 import numpy as np
 
@@ -33,52 +34,140 @@ MIN_IN_ALL = 40.0
 MIN_EXPECTED = 2 * DECISIVE_EVIDENCE
 
 
-def ranked_by_unseen(
-    hypothesis: Hypothesis,
-    candidates: Sequence[CauseCandidate],
-    unseen: Sequence[Record],
-    calibrated: Model,
-) -> list[CauseCandidate]:
-    """Candidates of which the lasting ones are in the order of what they explain of all logs.
+@dataclass(frozen=True)
+class UnseenLogs:
+    """Logs that no fit has seen, and what is fitted to the diagnosed ones.
 
-    Of the diagnosed logs their evidence, of the unseen ones what they gain there as they stand: no
-    parameter of theirs is fitted to these, so that none is paid for. One that every unseen log that
-    should show it clearly does not show is left out. Of forms that all logs hardly tell apart the
-    catalogue's first one comes first. Accidents keep their places, and so does what was fitted
-    under other assumptions than the strongest.
-
-    Parameters
+    Attributes
     ----------
-    hypothesis, candidates, unseen, calibrated
-        As in `borne_out`.
+    hypothesis : Hypothesis
+        Under which candidates were fitted, or which they set free.
+    logs : sequence of Record
+    calibrated : Model
+        As the calibration left it.
     """
-    lasting = [c for c in candidates if c.effect.log is None]
-    logs = [log for log in unseen if _can_judge(hypothesis, log)]
-    if not (lasting and logs):
-        return plain_forms_first(candidates)
-    there = {
-        a: [hypothesis.under(a, calibrated).with_logs([log]) for log in logs]
-        for a in {c.assumptions for c in lasting}
-    }
-    gains = {id(c): [_unseen_gain(each, c) for each in there[c.assumptions]] for c in lasting}
 
-    def refused(c: CauseCandidate) -> bool:
-        clear = [g.gained for g in gains.get(id(c), ()) if g and g.expected > MIN_EXPECTED]
-        return bool(clear) and max(clear) <= DECISIVE_EVIDENCE
+    hypothesis: Hypothesis
+    logs: Sequence[Record]
+    calibrated: Model
 
-    left = [c for c in candidates if not refused(c)]
-    # Beside a model that is free, or another start, a gain is none of the cause alone.
-    alike = [c for c in left if id(c) in gains and c.assumptions == lasting[0].assumptions]
-    # Of what only some can be run over nothing is compared.
-    common = [k for k in range(len(logs)) if all(gains[id(c)][k] is not None for c in alike)]
-    worth = [
-        replace(c, evidence=c.evidence + sum(g.gained for k in common if (g := gains[id(c)][k])))
-        for c in alike
-    ]
-    worth.sort(key=lambda c: -c.evidence)
-    own = {id(c.effect): c for c in alike}
-    ordered = iter([own[id(c.effect)] for c in plain_forms_first(worth)])
-    return [next(ordered) if any(c is each for each in alike) else c for c in left]
+    def borne_out(self, candidates: Sequence[CauseCandidate]) -> list[CauseCandidate]:
+        """Candidates without the accidents that have less evidence in all logs than a lasting one.
+
+        An accident may have happened again, as large, or may last since then: it counts what it
+        gains in every log, each time at an instant of its own.
+
+        Parameters
+        ----------
+        candidates : sequence of CauseCandidate
+            The strongest first.
+        """
+        accidents = [c for c in candidates if c.effect.log is not None]
+        if not (accidents and self.logs) or len(accidents) == len(candidates):
+            return list(candidates)
+        seen = {a: self._under(a) for a in {c.assumptions for c in candidates}}
+        every = {a: each.with_logs((*each.logs, *self.logs)) for a, each in seen.items()}
+        lasting = max(
+            fit_candidate(every[c.assumptions], c).evidence
+            for c in candidates
+            if c.effect.log is None
+        )
+        denied = [
+            c
+            for c in accidents
+            if c.evidence + sum(_again(self._in(log, c.assumptions), c) for log in self.logs)
+            < lasting
+        ]
+        return [c for c in candidates if not any(c is each for each in denied)]
+
+    def ranked(self, candidates: Sequence[CauseCandidate]) -> list[CauseCandidate]:
+        """Candidates of which the lasting ones are in the order of what they explain of all logs.
+
+        Of the diagnosed logs their evidence, of the unseen ones what they gain there as they stand:
+        no parameter of theirs is fitted to these, so that none is paid for. One that every unseen
+        log that should show it clearly does not show is left out. Of forms that all logs hardly
+        tell apart the catalogue's first one comes first. Accidents keep their places, and so does
+        what was fitted under other assumptions than the strongest.
+
+        Parameters
+        ----------
+        candidates : sequence of CauseCandidate
+            The strongest first.
+        """
+        lasting = [c for c in candidates if c.effect.log is None]
+        logs = [log for log in self.logs if _can_judge(self.hypothesis, log)]
+        if not (lasting and logs):
+            return plain_forms_first(candidates)
+        gains = {
+            id(c): [_unseen_gain(self._in(log, c.assumptions), c) for log in logs] for c in lasting
+        }
+
+        def refused(c: CauseCandidate) -> bool:
+            clear = [g.gained for g in gains.get(id(c), ()) if g and g.expected > MIN_EXPECTED]
+            return bool(clear) and max(clear) <= DECISIVE_EVIDENCE
+
+        left = [c for c in candidates if not refused(c)]
+        # Beside a model that is free, or another start, a gain is none of the cause alone.
+        alike = [c for c in left if id(c) in gains and c.assumptions == lasting[0].assumptions]
+        # Of what only some can be run over nothing is compared.
+        common = [k for k in range(len(logs)) if all(gains[id(c)][k] is not None for c in alike)]
+        worth = [
+            replace(
+                c, evidence=c.evidence + sum(g.gained for k in common if (g := gains[id(c)][k]))
+            )
+            for c in alike
+        ]
+        worth.sort(key=lambda c: -c.evidence)
+        own = {id(c.effect): c for c in alike}
+        ordered = iter([own[id(c.effect)] for c in plain_forms_first(worth)])
+        return [next(ordered) if any(c is each for each in alike) else c for c in left]
+
+    def shown_by_all(
+        self, suspects: Sequence[CauseCandidate], correction: float
+    ) -> list[CauseCandidate]:
+        """Lasting candidates that all logs together show decisively, the strongest there first.
+
+        Their evidence is that of all logs; they keep the parameters that the diagnosed logs give
+        them, which unseen logs judge.
+
+        Parameters
+        ----------
+        suspects : sequence of CauseCandidate
+            That the diagnosed logs alone do not confirm.
+        correction : float
+            Evidence that the number of places tried takes away.
+        """
+        own = self.hypothesis
+        lasting = [c for c in suspects if c.effect.log is None and c.assumptions == own.assumptions]
+        if not (lasting and self.logs):
+            return []
+        every = own.with_logs((*own.logs, *self.logs))
+        found = [
+            replace(c, evidence=fit_candidate(every, c).evidence - correction) for c in lasting
+        ]
+        clear = [c for c in found if c.evidence > MIN_IN_ALL]
+        return plain_forms_first(sorted(clear, key=lambda c: -c.evidence))
+
+    def _under(self, assumptions: Assumptions) -> Hypothesis:
+        """The hypothesis under some assumptions; what is weighed of it is kept."""
+        if assumptions not in self._assumed:
+            self._assumed[assumptions] = self.hypothesis.under(assumptions, self.calibrated)
+        return self._assumed[assumptions]
+
+    def _in(self, log: Record, assumptions: Assumptions) -> Hypothesis:
+        """The same on one unseen log."""
+        key = id(log), assumptions
+        if key not in self._alone:
+            self._alone[key] = self._under(assumptions).with_logs([log])
+        return self._alone[key]
+
+    @cached_property
+    def _assumed(self) -> dict[Assumptions, Hypothesis]:
+        return {}
+
+    @cached_property
+    def _alone(self) -> dict[tuple[int, Assumptions], Hypothesis]:
+        return {}
 
 
 def preferred_by_diagnosed(ranked: Sequence[CauseCandidate], found: Effect) -> str | None:
@@ -87,7 +176,7 @@ def preferred_by_diagnosed(ranked: Sequence[CauseCandidate], found: Effect) -> s
     Parameters
     ----------
     ranked : sequence of CauseCandidate
-        By `ranked_by_unseen`.
+        By `UnseenLogs.ranked`.
     found : Effect
         The cause that was found.
     """
@@ -159,82 +248,6 @@ def _can_judge(hypothesis: Hypothesis, log: Record) -> bool:
     ]
     enough = all(not count or count >= MIN_ROWS for count in readings)
     return any(readings) and enough and cannot_run(hypothesis.model, log) is None
-
-
-def borne_out(
-    hypothesis: Hypothesis,
-    candidates: Sequence[CauseCandidate],
-    unseen: Sequence[Record],
-    calibrated: Model,
-) -> list[CauseCandidate]:
-    """Candidates without the accidents that have less evidence in all logs than a lasting cause.
-
-    An accident may have happened again, as large, or may last since then: it counts what it gains
-    in every log, each time at an instant of its own.
-
-    Parameters
-    ----------
-    hypothesis : Hypothesis
-        Under which the candidates were fitted, or which they set free.
-    candidates : sequence of CauseCandidate
-        The strongest first.
-    unseen : sequence of Record
-        Logs that no fit has seen.
-    calibrated : Model
-        As the calibration left it.
-    """
-    accidents = [c for c in candidates if c.effect.log is not None]
-    if not (accidents and unseen) or len(accidents) == len(candidates):
-        return list(candidates)
-
-    # Candidates of the same assumptions share what is weighed of the logs.
-    under = {a: hypothesis.under(a, calibrated) for a in {c.assumptions for c in candidates}}
-    every = {a: each.with_logs((*hypothesis.logs, *unseen)) for a, each in under.items()}
-    others = {a: [each.with_logs([log]) for log in unseen] for a, each in under.items()}
-    lasting = max(
-        fit_candidate(every[c.assumptions], c).evidence for c in candidates if c.effect.log is None
-    )
-    denied = [
-        c
-        for c in accidents
-        if c.evidence + sum(_again(one, c) for one in others[c.assumptions]) < lasting
-    ]
-    return [c for c in candidates if not any(c is each for each in denied)]
-
-
-def seen_in_all(
-    hypothesis: Hypothesis,
-    suspects: Sequence[CauseCandidate],
-    unseen: Sequence[Record],
-    correction: float,
-) -> list[CauseCandidate]:
-    """Lasting candidates that all logs together show decisively, the strongest there first.
-
-    Their evidence is that of all logs; they keep the parameters that the diagnosed logs give them,
-    which unseen logs judge.
-
-    Parameters
-    ----------
-    hypothesis, unseen
-        As in `borne_out`.
-    suspects : sequence of CauseCandidate
-        That the diagnosed logs alone do not confirm.
-    correction : float
-        Evidence that the number of places tried takes away.
-    """
-    lasting = [
-        each
-        for each in suspects
-        if each.effect.log is None and each.assumptions == hypothesis.assumptions
-    ]
-    if not (lasting and unseen):
-        return []
-    every = hypothesis.with_logs((*hypothesis.logs, *unseen))
-    found = [
-        replace(each, evidence=fit_candidate(every, each).evidence - correction) for each in lasting
-    ]
-    clear = [each for each in found if each.evidence > MIN_IN_ALL]
-    return plain_forms_first(sorted(clear, key=lambda each: -each.evidence))
 
 
 def _again(one: Hypothesis, candidate: CauseCandidate) -> float:
