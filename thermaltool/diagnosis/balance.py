@@ -4,6 +4,8 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 
+import numpy as np
+
 from thermaltool.diagnosis.gain import MIN_LOSS_COUNTED
 from thermaltool.diagnosis.simulation import Mask, SimulatedLogs
 from thermaltool.diagnosis.written import gains_of
@@ -25,11 +27,33 @@ def is_slight(
         As in `balance`.
     """
     # A zero that is counted has the noise of the readings that it is taken from.
-    for zero_free, most in ((True, MAX_SLIGHT), (False, MIN_LOSS_COUNTED)):
+    shares, most = (SLIGHT, SLIGHT), (MAX_SLIGHT, MIN_LOSS_COUNTED)
+    return not loses(before, after, logs, masked, noise, shares, most)
+
+
+def loses(
+    before: Model,
+    after: Model,
+    logs: Sequence[Record],
+    masked: Mask,
+    noise: Mapping[str, float],
+    shares: tuple[float, float],
+    most: tuple[float, float] = (np.inf, np.inf),
+) -> bool:
+    """Whether a model loses as much as a share of what it gains, or as some power.
+
+    Parameters
+    ----------
+    before, after, logs, masked, noise
+        As in `balance`.
+    shares, most : (float, float)
+        Of errors about their mean in each log, and of errors whose zero counts.
+    """
+    for zero_free, share, power in zip((True, False), shares, most, strict=True):
         gained, lost = balance(before, after, logs, masked, noise, zero_free)
-        if lost >= min(SLIGHT * gained, most):
-            return False
-    return True
+        if lost >= min(share * gained, power):
+            return True
+    return False
 
 
 def balance(

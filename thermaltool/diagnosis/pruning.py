@@ -7,7 +7,7 @@ from collections.abc import Mapping
 import numpy as np
 
 from thermaltool.diagnosis.assumptions import STARTS
-from thermaltool.diagnosis.balance import balance
+from thermaltool.diagnosis.balance import loses
 from thermaltool.diagnosis.evidence import DECISIVE_EVIDENCE
 from thermaltool.diagnosis.fit import CauseCandidate
 from thermaltool.diagnosis.hypothesis import Hypothesis
@@ -241,11 +241,7 @@ def _mostly_harms(task: DiagnosisTask, search: SearchState, cause: Cause, writte
         return False
     logs = [log for log in (*task.logs, *task.validate) if cannot_run(written, log) is None]
     rest, masked = without(written, cause.effect), search.hypothesis.simulation.masked
-    for zero_free, most in ((True, MAX_LOST), (False, 1.0)):
-        gained, lost = balance(rest, written, logs, masked, search.noise, zero_free)
-        if lost >= most * gained:
-            return True
-    return False
+    return loses(rest, written, logs, masked, search.noise, (MAX_LOST, 1.0))
 
 
 def _of_gain(task: DiagnosisTask, search: SearchState) -> SearchState:
