@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import itertools
+
 import numpy as np
 
 from thermaltool.responses.delay import DelayedModes
@@ -33,17 +35,16 @@ def run_with_loss(modes: Modes, time: Float, u: Float, hold: Hold, cooling: Floa
     inside = np.append((cooling[1:] + cooling[:-1]) / 2, cooling[-1])
     entered = inside if hold == "zero" else cooling
     slowest = float(np.min(-modes.poles.real))
-    part = np.cumsum(np.abs(np.diff(cooling, prepend=cooling[0]))) // MAX_SPAN
+    part = np.append(0.0, np.cumsum(np.abs(np.diff(cooling)))) // MAX_SPAN
     y = np.zeros(len(u))
-    for k in np.unique(part):
-        rows = np.flatnonzero(part == k)
-        # A line to its first input begins a row before.
-        own, last, most = cooling[rows[0]], rows[-1], np.max(entered[rows])
+    for first, stop in itertools.pairwise([0, *np.flatnonzero(np.diff(part)) + 1, len(u)]):
+        own, last, most = cooling[first], stop - 1, np.max(entered[first:stop])
         decayed = slowest * (time[last:] - time[last] - delay) + cooling[last:] - most
         end = last + int(np.argmax(np.append(decayed > GONE, True)))
-        rest = slice(max(rows[0] - 1, 0), max(end, last + 1))
+        # A line to its first input begins a row before.
+        rest = slice(max(first - 1, 0), max(end, stop))
         weighted = np.zeros(len(u))
-        weighted[rows] = u[rows] * np.exp(entered[rows] - own)
+        weighted[first:stop] = u[first:stop] * np.exp(entered[first:stop] - own)
         gone = np.exp(np.clip(own - cooling[rest], -MAX_EXPONENT, MAX_EXPONENT))
         y[rest] += modes.run(time[rest], weighted[rest], hold) * gone
     return y
