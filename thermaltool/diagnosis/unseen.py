@@ -67,17 +67,15 @@ class UnseenLogs:
             return list(candidates)
         seen = {a: self._under(a) for a in {c.assumptions for c in candidates}}
         every = {a: each.with_logs((*each.logs, *self.logs)) for a, each in seen.items()}
-        lasting = max(
-            fit_candidate(every[c.assumptions], c).evidence
-            for c in candidates
-            if c.effect.log is None
-        )
-        denied = [
-            c
+        worth = [
+            c.evidence + sum(_again(self._in(log, c.assumptions), c) for log in self.logs)
             for c in accidents
-            if c.evidence + sum(_again(self._in(log, c.assumptions), c) for log in self.logs)
-            < lasting
         ]
+        lasting = -np.inf
+        for c in candidates:
+            if c.effect.log is None and lasting <= max(worth):
+                lasting = max(lasting, fit_candidate(every[c.assumptions], c).evidence)
+        denied = [c for c, own in zip(accidents, worth, strict=True) if own < lasting]
         return [c for c in candidates if not any(c is each for each in denied)]
 
     def ranked(self, candidates: Sequence[CauseCandidate]) -> list[CauseCandidate]:
