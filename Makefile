@@ -1,5 +1,6 @@
 # make demo     the main job on data_samples/: tables, and figures in demo/figures
-# make test     the tests but the longest, which make test-slow runs; CI: both
+# make test     the tests but the longest, which make test-slow runs; CI: both. make test-study:
+#               longer forms of some, part of make study
 # make lint     ruff, mypy, import direction
 # make bench    speed as ratios in one run, memory by the row, diagnose beside what a user would pick
 # make study    error bands over fresh noise, hidden effects, the measured logs
@@ -11,7 +12,7 @@
 SHELL := bash
 .SHELLFLAGS := -euo pipefail -c
 .DELETE_ON_ERROR:
-.PHONY: demo test test-slow lint bench study hidden exam measured samples docs lock clean
+.PHONY: demo test test-slow test-study lint bench study hidden exam measured samples docs lock clean
 
 PYTHON ?= python3
 BIN := .venv/bin
@@ -56,10 +57,13 @@ demo: $(READY)
 PYTEST := PYTHONDONTWRITEBYTECODE= OMP_NUM_THREADS=1 OPENBLAS_NUM_THREADS=1 $(BIN)/python -m pytest -n 2 --dist worksteal
 
 test: $(READY)
-	$(PYTEST) -m "not slow"
+	$(PYTEST) -m "not slow and not study"
 
 test-slow: $(READY)
 	$(PYTEST) -m slow --durations=40
+
+test-study: $(READY)
+	$(PYTEST) -m study --durations=40
 
 lint: $(READY)
 	$(BIN)/ruff check .
@@ -81,7 +85,7 @@ bench: $(READY) $(BENCH_READY) $(BENCH_IDENTIFY_READY)
 
 DESIGNS := demo/far_kalman.json demo/far_kernel.json demo/all_kalman.json
 
-study: $(READY)
+study: $(READY) test-study
 	@$(MAKE) --no-print-directory -j2 -f pipelines/demo.mk $(TOOLS) $(DESIGNS)
 	@$(BIN)/python benchmarks/deflection_bands.py data_samples $(DESIGNS) --repeat 20
 	@$(BIN)/python benchmarks/deflection_bands.py data_samples $(DESIGNS) --repeat 20 --signal 2.54

@@ -25,9 +25,10 @@ def truth(true, quantity):
     return {"X1": x1, "X2": x2, "Y1": y1, "Y2": y2, "Z": z, **tilts}[quantity]
 
 
-@pytest.mark.slow
 @pytest.mark.filterwarnings("ignore::thermaltool.errors.ThermalToolWarning")
-@pytest.mark.parametrize("drift", [0.0, 0.1])
+@pytest.mark.parametrize(
+    "drift", [pytest.param(0.0, marks=pytest.mark.study), pytest.param(0.1, marks=pytest.mark.slow)]
+)
 def test_intervals_hold_the_truth_as_often_as_they_say(drift):
     inside = {}
     for log in range(20):

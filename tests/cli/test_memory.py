@@ -48,7 +48,7 @@ def test_a_row_takes_no_more_bytes(name, folder, paths):
     assert bytes_a_row(name, folder, paths) < COMMANDS[name].limit
 
 
-@pytest.mark.slow
+@pytest.mark.study
 @pytest.mark.parametrize("name", ["calibrate", "diagnose"])
 def test_all_rows_would_take_more(name, folder, paths):
     # What the limit is there for, and would show.

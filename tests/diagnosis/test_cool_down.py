@@ -9,8 +9,6 @@ from machines.turning_spindle import PLACES, TurningSpindle, spells, warm_and_co
 
 import thermaltool as tt
 
-pytestmark = pytest.mark.slow
-
 # The first of the machines that benchmarks/cool_down.py drew.
 SEED = 1462659974
 
@@ -20,14 +18,17 @@ def quiet(message):
 
 
 @pytest.mark.parametrize(
-    ("kind", "truth"),
+    ("kind", "name", "channel", "partner"),
     [
-        ("speed", ("convection_state", "n_spindle_rpm", "T_bearing_degC")),
-        ("fan", ("convection_state", "n_spindle_rpm", "T_motor_degC")),
-        ("pump", ("second_source", "x_pump_1", None)),
+        pytest.param(*each, marks=mark)
+        for each, mark in (
+            (("speed", "convection_state", "n_spindle_rpm", "T_bearing_degC"), pytest.mark.slow),
+            (("fan", "convection_state", "n_spindle_rpm", "T_motor_degC"), pytest.mark.study),
+            (("pump", "second_source", "x_pump_1", None), pytest.mark.slow),
+        )
     ],
 )
-def test_a_cool_down_says_what_differs_from_the_warm_up(kind, truth):
+def test_a_cool_down_says_what_differs_from_the_warm_up(kind, name, channel, partner):
     machine, rng = TurningSpindle.drawn(SEED), np.random.default_rng([SEED, 1])
     cooled = None if kind == "pump" else kind
     sensors = [f"T_{place}_degC" for place in PLACES]
@@ -39,4 +40,4 @@ def test_a_cool_down_says_what_differs_from_the_warm_up(kind, truth):
         pump = spells(rng, len(speeds)) if kind == "pump" else None
         logs.append(pd.DataFrame(machine.log(SEED + k, speeds, cooled, pump)))
     cause = tt.diagnose(model, logs[0], validate=[logs[1]], warn=quiet).diagnosis.causes[0].effect
-    assert (cause.name, cause.channel, cause.partner) == truth
+    assert (cause.name, cause.channel, cause.partner) == (name, channel, partner)

@@ -2,16 +2,12 @@
 
 from __future__ import annotations
 
-from itertools import product
-
 import numpy as np
 import pandas as pd
 import pytest
 from machines.cooled_chain import PLACES, CooledChain
 
 import thermaltool as tt
-
-pytestmark = pytest.mark.slow
 
 
 def quiet(message):
@@ -28,7 +24,17 @@ def calibrated(machine, seed):
     )
 
 
-@pytest.mark.parametrize(("place", "logged"), list(product(range(3), (True, False))))
+@pytest.mark.parametrize(
+    ("place", "logged"),
+    [
+        pytest.param(0, True, marks=pytest.mark.slow),
+        pytest.param(1, False, marks=pytest.mark.slow),
+        pytest.param(2, True, marks=pytest.mark.slow),
+        pytest.param(0, False, marks=pytest.mark.study),
+        pytest.param(1, True, marks=pytest.mark.study),
+        pytest.param(2, False, marks=pytest.mark.study),
+    ],
+)
 def test_a_fan_at_one_place_is_named_there(place, logged):
     machine = CooledChain.drawn(4417 + place)
     sensor = f"T_{PLACES[place]}_degC"
