@@ -16,8 +16,15 @@ import thermaltool as tt
 SEEN = {1484662933: 1932712447, 2059816185: 5}
 
 
-@pytest.mark.slow
-@pytest.mark.parametrize(("seed", "night"), SEEN.items(), ids=["start", "short"])
+@pytest.mark.parametrize(
+    ("seed", "night"),
+    [
+        pytest.param(*each, marks=mark, id=name)
+        for each, mark, name in zip(
+            SEEN.items(), (pytest.mark.slow, pytest.mark.study), ("start", "short"), strict=True
+        )
+    ],
+)
 def test_a_start_comes_before_what_is_unknown(seed, night):
     plant = PLANTS["mirror"](np.random.default_rng(seed))
     roles = {"sensors": list(plant.sensors), "deflections": list(plant.deflections)}
