@@ -41,8 +41,13 @@ def machine(seed, fan=False):
     })  # fmt: skip
 
 
-@pytest.mark.slow
-@pytest.mark.parametrize("seed", range(1, 3))
+@pytest.mark.parametrize(
+    "seed",
+    [
+        pytest.param(seed, marks=pytest.mark.slow if seed == 1 else pytest.mark.study)
+        for seed in range(1, 6)
+    ],
+)
 @pytest.mark.filterwarnings("ignore:.*outside the calibrated range")
 def test_spells_of_a_fan_are_no_period(seed):
     model = tt.calibrate(

@@ -119,8 +119,14 @@ def test_a_measured_temperature_is_no_command():
     assert not calibrate([warm], plan).effects
 
 
-@pytest.mark.slow
-@pytest.mark.parametrize("machine", [53858333, 2124380133, 628997433])
+@pytest.mark.parametrize(
+    "machine",
+    [
+        pytest.param(53858333, marks=pytest.mark.slow),
+        pytest.param(2124380133, marks=pytest.mark.study),
+        pytest.param(628997433, marks=pytest.mark.study),
+    ],
+)
 def test_a_curve_is_taken_though_a_kind_with_many_parameters_bends_to_it(machine):
     """A linear model leaves 1.1 to 1.9 times the noise; noise that drifts stays beside the curve.
 
