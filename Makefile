@@ -1,6 +1,6 @@
 # make demo     the main job on data_samples/: tables, and figures in demo/figures
 # make test     the tests but the longest, which make test-slow runs; CI: both. make test-study:
-#               longer forms of some, part of make study
+#               tests of minutes, mostly longer forms; part of make study
 # make lint     ruff, mypy, import direction
 # make bench    speed as ratios in one run, memory by the row, diagnose beside what a user would pick
 # make study    error bands over fresh noise, hidden effects, the measured logs

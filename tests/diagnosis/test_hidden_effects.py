@@ -56,7 +56,7 @@ def score_of(trial, machine):
     return scoring.score(trial, calibrated(*machine), powers=False)
 
 
-def check_half(half: int, count: int, without: int):
+def check_half(half: int, count: int, without: int, least: float = 0.7, alarms: int = 1):
     scores = [score_of(*each) for each in trials_of(half, count, without)]
     for s in scores:
         error = "" if s.error is None else f", error {s.error:.2f}"
@@ -66,8 +66,8 @@ def check_half(half: int, count: int, without: int):
     clean = [s for s in scores if s.trial.group == "clean"]
     assert len(hidden) >= 0.9 * count
     assert len(clean) == without
-    assert sum(s.first for s in hidden) >= 0.7 * len(hidden)
-    assert sum(s.alarm for s in clean) <= 1
+    assert sum(s.first for s in hidden) >= least * len(hidden)
+    assert sum(s.alarm for s in clean) <= alarms
     # At the right place, and of the right size where the laws are the same.
     assert np.mean([s.channel for s in hidden if s.channel is not None]) >= 0.85
     errors = [
@@ -86,6 +86,11 @@ def test_a_hidden_effect_is_named():
     assert not score.failure
     assert score.first
     assert score.channel
+
+
+@pytest.mark.slow
+def test_hidden_effects_are_named_and_clean_logs_left_alone():
+    check_half(0, 2, 1, least=1 / 2, alarms=0)
 
 
 # ---------------------------------------------------------------- the judge judged

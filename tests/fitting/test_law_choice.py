@@ -391,7 +391,7 @@ def test_a_loss_that_rises_with_the_temperature_is_found(loss, found):
         assert np.abs(y[-1]) < 0.01 * np.max(np.abs(y))
 
 
-@pytest.mark.study
+@pytest.mark.slow
 def test_a_weaker_drive_of_a_hot_machine_is_no_start_and_no_joint():
     """Not all that the calibration leaves is noise, and many gains of a cause fit that, too."""
     loss = {"emissivity": 0.8, "film": 0.0, "still": 1.8}

@@ -363,9 +363,7 @@ def simulate_response(
         return modes.at(time, u, hold, time - dead_time) if dead_time else modes.run(time, u, hold)
     if not np.max(np.abs(np.diff(course.cooling))) < MAX_SAMPLE_COOLING:
         raise ModelError("the loss of heat changes too much in a sample to be followed")
-    if not dead_time:
-        return run_with_loss(modes, course.clock, u, hold, course.cooling) + modes.direct * u
-    moments, u = _acting_clock(time, u, hold, dead_time)
+    moments, u = _acting_clock(time, u, hold, dead_time) if dead_time else (time, u)
     along, own = np.interp(moments, time, course.cooling), np.interp(moments, time, course.clock)
     rows = np.searchsorted(moments, time)
     return run_with_loss(modes, own, u, hold, along)[rows] + modes.direct * u[rows]

@@ -29,8 +29,6 @@ Range = tuple[float, float]
 MAX_STATES = 2**20
 # Rows that are stepped through at once on an uneven clock; a longer record goes on from the state.
 MAX_STRETCH = 2**17
-# Even clocks whose recursion is kept: those of the logs of one task.
-MAX_CLOCKS = 8
 
 
 @dataclass(frozen=True)
@@ -53,7 +51,7 @@ class Modes:
     weights: Complex
     double: Float = field(default_factory=lambda: np.zeros(0))
     direct: float = field(default=0.0, kw_only=True)
-    # The recursions of the last even clocks that were run: many records have the same one.
+    # The recursion of the last even clock that was run: many records have the same one.
     _last: dict[tuple[float, Hold], Recursion] = field(
         default_factory=dict, init=False, repr=False, compare=False
     )
@@ -171,8 +169,7 @@ class Modes:
         if len(steps) and np.ptp(steps) < step:
             clock = float(np.mean(steps)), hold
             if clock not in self._last:
-                if len(self._last) >= MAX_CLOCKS:
-                    self._last.clear()
+                self._last.clear()
                 self._last[clock] = self.discretize(*clock)
             return self._last[clock].run(u[:, None])[0][:, 0]
         return self._stepped(steps, step, u, hold)

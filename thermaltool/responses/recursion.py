@@ -138,17 +138,19 @@ def _unrolled(F: Float, gain: Float, C: Float, block: int) -> tuple[Float, Float
         # Modes that do not touch: their powers are those of numbers, all at once.
         kept = decay ** np.arange(block + 1)[:, None]
         reach, seen = kept[:-1, :, None] * gain, kept[1:, None, :] * C
-        return _joint(np.diag(kept[-1]), reach, seen, C)
+        return _block_matrices(np.diag(kept[-1]), reach, seen, C)
     # One sample after the other: powers by squaring lose digits where states differ in scale.
     reach, seen = np.empty((block, n, m)), np.empty((block, p, n))
     power, reach[0], seen[0] = F, gain, C @ F  # F^k gain, and C F^(k + 1)
     for k in range(1, block):
         reach[k], seen[k] = F @ reach[k - 1], seen[k - 1] @ F
         power = power @ F
-    return _joint(power, reach, seen, C)
+    return _block_matrices(power, reach, seen, C)
 
 
-def _joint(power: Float, reach: Float, seen: Float, C: Float) -> tuple[Float, Float, Float, Float]:
+def _block_matrices(
+    power: Float, reach: Float, seen: Float, C: Float
+) -> tuple[Float, Float, Float, Float]:
     """The matrices of a block from F^k gain and C F^(k + 1), for each k."""
     (block, n, m), p = reach.shape, len(C)
     markov = np.concatenate([C @ reach, np.zeros((1, p, m))])
