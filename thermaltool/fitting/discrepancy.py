@@ -12,8 +12,9 @@ out beside it, which moves the maximum, and that is only looked for on a grid.
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
+from operator import attrgetter
 from typing import Any
 
 import numpy as np
@@ -31,6 +32,10 @@ from thermaltool.signals.row_groups import RowGroups
 LAG_SIZES = (0.03, 0.1, 0.3, 1.0, 3.0, 10.0, 30.0, 100.0, 300.0, 1000.0)
 DRIFT_RATIOS = (0.0, 0.01, 0.03, 0.1, 0.3, 1.0, 3.0)
 DRIFT_TIMES = 5
+# A record tells how fast a slow drift walks, hardly how far it goes: what parameters may be counts
+# under the slowest drift that is as likely, by the 95 % limit of a profile of the likelihood. It may
+# be larger than those of the grid, and last so many records.
+AS_LIKELY, FAR_RATIOS, SLOW_SPANS = 1.92, (10.0, 30.0), (0.5, 2.0)
 # Prior standard deviation of a parameter's move: so many times what the noise leaves open of it,
 # but no less than the first and no more than the second share of its size, nor more than what is
 # linear to within the noise; the lags say the rest.
@@ -57,7 +62,8 @@ class Discrepancy:
         Moves of the parameters (of logarithms, gains), then weights of the lags.
     covariance : ndarray, shape (p + q, p + q)
     white, drift : float
-        Standard deviations of noise and of a discrepancy beside it [unit of the output].
+        Standard deviations of noise and of a discrepancy beside it [unit of the output], the
+        likeliest. The posterior counts with the slowest that is as likely.
     drift_time : float
         Time constant of the discrepancy [s].
     size : ndarray, shape (q,)
@@ -77,6 +83,17 @@ class Discrepancy:
     size: Float
     spread: Float
     instants: Float
+
+
+@dataclass(frozen=True)
+class _Level:
+    """White noise beside a drift, and a size of the lags: negative log marginal likelihood."""
+
+    ratio: float
+    tau: float
+    size: float
+    white: float
+    value: float
 
 
 def calibration_error(fit: Mapping[str, Any]) -> float:
@@ -147,32 +164,39 @@ def discrepancy(
     rows, noise = groups.means([table[each] for each in members]), groups.noise
     p, q, m = own.shape[1], lags.shape[1], late.shape[1]
     sigma = max(difference_sigma(beside[kept]), 1e-3 * float(np.std(residual)), 1e-12)
-    best = (np.inf, (0.0, 1.0), LAG_SIZES[0], sigma)
-    taus = np.geomspace(5 * noise.period, max(noise.span / 2, 10 * noise.period), DRIFT_TIMES)
-    for ratio in DRIFT_RATIOS:
-        for tau in taus if ratio else taus[:1]:
-            factor = noise.factor(ratio, float(tau))
-            # Beside the instants, whose prior is the same all over the grid.
-            gram, logdet = _beside(rows.T @ factor.solve(rows), 1 + p + q, m, 1 / sigma)
-            for size in LAG_SIZES:
-                prior = _prior(len(gram) - 1, p, (q, size))
-                value, white = _marginal(gram, factor.logdet + logdet, len(rows), prior)
-                if value < best[0]:
-                    best = (value, (ratio, float(tau)), size, white)
-    _, (ratio, tau), size, white = best
-    gram = rows.T @ noise.factor(ratio, tau).solve(rows)
+    span = noise.span
+
+    def likely(ratio: float, tau: float) -> Iterator[_Level]:
+        factor = noise.factor(ratio, tau)
+        # Beside the instants, whose prior is the same all over the grid.
+        gram, logdet = _beside(rows.T @ factor.solve(rows), 1 + p + q, m, 1 / sigma)
+        for size in LAG_SIZES:
+            prior = _prior(len(gram) - 1, p, (q, size))
+            value, white = _marginal(gram, factor.logdet + logdet, len(rows), prior)
+            yield _Level(ratio, tau, size, white, value)
+
+    taus = np.geomspace(5 * noise.period, max(span / 2, 10 * noise.period), DRIFT_TIMES).tolist()
+    near = [(ratio, tau) for ratio in DRIFT_RATIOS for tau in (taus if ratio else taus[:1])]
+    far = [(r, n * span) for r in (*DRIFT_RATIOS[1:], *FAR_RATIOS) for n in SLOW_SPANS]
+    tried = [level for point in near for level in likely(*point)]
+    best = min(tried, key=attrgetter("value"))
+    tried += [level for point in far for level in likely(*point)]
+    as_likely = [level for level in tried if level.value <= best.value + AS_LIKELY]
+    slow = max(as_likely, key=lambda level: (level.tau if level.ratio else 0.0, -level.value))
+    size, white = slow.size, slow.white
+    gram = rows.T @ noise.factor(slow.ratio, slow.tau).solve(rows)
     prior = _prior(len(gram) - 1, p, (q, size), (m, 1 / white))
-    span = _sizes(own, gains, levels[: len(gains)])
+    makes = _sizes(own, gains, levels[: len(gains)])
     # Beside no lags: what the noise alone leaves open of the parameters stays open beside them, and
     # what it does not show at all is open to the most.
     lagless = np.delete(np.arange(len(gram)), slice(1 + p, 1 + p + q))
-    prior[:p] = (white / (PARAMETER_MOVES[1] * span)) ** 2
+    prior[:p] = (white / (PARAMETER_MOVES[1] * makes)) ** 2
     bare = _inverse(gram[np.ix_(lagless, lagless)], np.delete(prior, slice(p, p + q)))
-    errors = white * np.sqrt(np.maximum(np.diag(bare)[:p], 0.0)) / span
+    errors = white * np.sqrt(np.maximum(np.diag(bare)[:p], 0.0)) / makes
     least, most = PARAMETER_MOVES
-    linear = _linear_moves(own * span, white)
+    linear = _linear_moves(own * makes, white)
     moves = np.clip(MOVE_ERRORS * errors, np.minimum(least, linear), np.minimum(most, linear))
-    prior[:p] = (white / (moves * span)) ** 2
+    prior[:p] = (white / (moves * makes)) ** 2
     inverse = _inverse(gram, prior)
     keep, fit = slice(0, p + q), slice(1, 1 + p + q)
     mean = inverse @ gram[1:, 0]
@@ -180,9 +204,9 @@ def discrepancy(
     return Discrepancy(
         mean[keep] / unit,
         white**2 * inverse[keep, keep] / np.outer(unit, unit),
-        white,
-        white * float(np.sqrt(ratio)),
-        tau,
+        best.white,
+        best.white * float(np.sqrt(best.ratio)),
+        best.tau,
         white * size / level,
         spread,
         _instants(np.delete(np.delete(gram, fit, 0), fit, 1), m, white),
