@@ -4,10 +4,12 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
+from scipy.signal import lfilter
 
 from thermaltool.fitting.calibrate import calibrate
 from thermaltool.fitting.calibration_plan import CalibrationPlan
-from thermaltool.fitting.discrepancy import _beside, _marginal, _prior, discrepancy
+from thermaltool.fitting.discrepancy import discrepancy
+from thermaltool.fitting.gaussian_columns import beside, information_of, marginal
 from thermaltool.record import Record
 
 OUTPUT, NOISE = "dT_a_K", 0.01
@@ -98,11 +100,11 @@ def sums(columns, generator):
 def test_what_is_integrated_out_first_is_as_likely():
     gram = sums(14, np.random.default_rng(3))
     p, q, m, free = 3, 4, 5, 2
-    prior = _prior(14, p, (q, 0.7), (m, 0.1))
-    at_once = _marginal(gram, 0.0, 400, prior)
-    less, price = _beside(gram, 1 + p + q, m, 0.1)
+    prior = information_of(14, p, (q, 0.7), (m, 0.1))
+    at_once = marginal(gram, 0.0, 400, prior)
+    less, price = beside(gram, 1 + p + q, m, 0.1)
     assert len(less) == 1 + p + q + free
-    assert _marginal(less, price, 400, _prior(9, p, (q, 0.7))) == pytest.approx(at_once)
+    assert marginal(less, price, 400, information_of(9, p, (q, 0.7))) == pytest.approx(at_once)
 
 
 @pytest.mark.parametrize("unit", [1.0, 1e-3])
@@ -145,3 +147,30 @@ def test_instants_leave_a_slow_drift_its_part(seed):
     # Periods of 7300 and 11000 s.
     assert 500.0 < known["drift_time_s"] < 5000.0
     assert known["drift_sigma"] > 0.5 * wander
+
+
+def in_a_hall(seed):
+    """Two lags in a hall that nobody logs: it walks, and the machine follows it slowly."""
+    generator = np.random.default_rng([7, seed])
+    log = log_of([8, seed])
+    hall, follows = np.cumsum(generator.standard_normal(len(log.time))), 15.0 / 5000.0
+    y = lfilter([follows], [1.0, follows - 1.0], 0.005 * hall)
+    return Record(log.time, log.columns | {OUTPUT: log.columns[OUTPUT] + y}, digest="log")
+
+
+def test_what_wanders_leaves_open_what_its_parameters_take_up():
+    """How much of a slow course is of the heat, and how much of the hall, no record tells well."""
+    off, told = [], []
+    for seed in range(12):
+        plan = CalibrationPlan(
+            ("Q_main_W",), (OUTPUT,), kinds={OUTPUT: "rational2"}, choose=True, linear=True
+        )
+        model = calibrate([in_a_hall(seed)], plan)
+        known = model.outputs[0].fit["discrepancy"]
+        # Of the steady state for a unit of heat, lags included.
+        gains = [float(name[0] == "K") for _, name in known["parameters"]]
+        makes = np.array([*gains, *np.ones(len(known["lags"]))])
+        steady = model.terms[0].response.dc_gain() + makes @ np.array(known["mean"])
+        off.append(steady - sum(gain for gain, _ in LAGS))
+        told.append(np.sqrt(makes @ np.array(known["covariance"]) @ makes))
+    assert np.sqrt(np.mean(np.square(np.array(off) / told))) < 2.5

@@ -2,9 +2,12 @@
 
 No kind of response is exact. What is left of a calibration is explained by lags of the drives,
 which all make as much a priori, by moves of the fitted parameters as far as the noise leaves them
-open, and by white noise with a slow drift; sizes by marginal likelihood. Mean and covariance of
-moves and weights are what later data have to contradict before a model counts as wrong (Kennedy &
-O'Hagan 2001).
+open, by what wanders beside the drives (a room that nobody logs, which a machine follows smoothly),
+and by white noise with a slow drift; sizes by marginal likelihood. Mean and covariance of moves and
+weights are what later data have to contradict before a model counts as wrong (Kennedy & O'Hagan
+2001). Whether the kind is wrong or something wandered one record tells badly. So the mean is that
+without any wandering, and the covariance covers both; of sizes that are as likely it covers the
+largest.
 
 The noise is that of signals/drift.py, with the same factors; but weights and moves are integrated
 out beside it, which moves the maximum, and that is only looked for on a grid.
@@ -12,15 +15,15 @@ out beside it, which moves the maximum, and that is only looked for on a grid.
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from operator import attrgetter
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.linalg import solve_triangular
 
+from thermaltool.fitting.gaussian_columns import beside, information_of, inverse_of, marginal
 from thermaltool.fitting.instants import Instants
 from thermaltool.record import Record
 from thermaltool.responses.modes import Float
@@ -32,10 +35,12 @@ from thermaltool.signals.row_groups import RowGroups
 LAG_SIZES = (0.03, 0.1, 0.3, 1.0, 3.0, 10.0, 30.0, 100.0, 300.0, 1000.0)
 DRIFT_RATIOS = (0.0, 0.01, 0.03, 0.1, 0.3, 1.0, 3.0)
 DRIFT_TIMES = 5
-# A record tells how fast a slow drift walks, hardly how far it goes: what parameters may be counts
-# under the slowest drift that is as likely, by the 95 % limit of a profile of the likelihood. It may
-# be larger than those of the grid, and last so many records.
-AS_LIKELY, FAR_RATIOS, SLOW_SPANS = 1.92, (10.0, 30.0), (0.5, 2.0)
+# What wanders bends at so many instants of a record, and by all records at no more than those; each
+# bend makes so many times the white noise at the end of its record, a priori.
+BENDS, MAX_BENDS = 16, 96
+WANDER_SIZES = (0.1, 0.3, 1.0, 3.0, 10.0, 30.0, 100.0, 300.0)
+# 95 % limit of a profile of the likelihood.
+AS_LIKELY = 1.92
 # Prior standard deviation of a parameter's move: so many times what the noise leaves open of it,
 # but no less than the first and no more than the second share of its size, nor more than what is
 # linear to within the noise; the lags say the rest.
@@ -48,8 +53,6 @@ AS_NEAR = 1.0
 # Instants at which kinds of response are compared; directions of their lags below this share of the
 # largest are rounding.
 SPREAD_INSTANTS, MIN_SPREAD_DIRECTION = 100, 1e-4
-# Directions of the information below this share of the largest, once scaled, are rounding.
-MIN_DIRECTION = 1e-13
 
 
 @dataclass(frozen=True)
@@ -62,8 +65,8 @@ class Discrepancy:
         Moves of the parameters (of logarithms, gains), then weights of the lags.
     covariance : ndarray, shape (p + q, p + q)
     white, drift : float
-        Standard deviations of noise and of a discrepancy beside it [unit of the output], the
-        likeliest. The posterior counts with the slowest that is as likely.
+        Standard deviations of noise and of a discrepancy beside it [unit of the output], where
+        nothing wanders: of what a later log leaves, not of what this posterior took apart.
     drift_time : float
         Time constant of the discrepancy [s].
     size : ndarray, shape (q,)
@@ -87,11 +90,15 @@ class Discrepancy:
 
 @dataclass(frozen=True)
 class _Level:
-    """White noise beside a drift, and a size of the lags: negative log marginal likelihood."""
+    """Sizes of what a residual is made of, those of lags and of wandering over the white noise.
+
+    Its negative log marginal likelihood is `value`.
+    """
 
     ratio: float
     tau: float
-    size: float
+    wander: float
+    lags: float
     white: float
     value: float
 
@@ -146,13 +153,13 @@ def discrepancy(
     # The prior is one of what is seen, whatever the unit of a drive.
     level = _largest(lags, levels[len(gains) :])
     late = np.empty((len(residual), 0)) if instants is None else instants.columns
-    beside = residual if instants is None else instants.left(residual, np.ones(len(residual)))
+    left = residual if instants is None else instants.left(residual, np.ones(len(residual)))
     # What stands alone is no noise, and would pass for much of it.
     kept = np.concatenate(
         [
             np.flatnonzero(record == k)[~find_outliers(own_rows, difference_sigma(own_rows))]
             for k in np.unique(record)
-            for own_rows in [beside[record == k]]
+            for own_rows in [left[record == k]]
         ]
     )
     time, record, residual = time[kept], record[kept], residual[kept]
@@ -160,56 +167,93 @@ def discrepancy(
     members = [record == k for k in np.unique(record)]
     groups = RowGroups.of([Record(time[each], {}) for each in members])
     assert groups is not None
-    table = np.column_stack([residual, own, lags, late, free])
+    bends = _bends(time, members)
+    table = np.column_stack([residual, own, lags, late, bends, free])
     rows, noise = groups.means([table[each] for each in members]), groups.noise
-    p, q, m = own.shape[1], lags.shape[1], late.shape[1]
-    sigma = max(difference_sigma(beside[kept]), 1e-3 * float(np.std(residual)), 1e-12)
-    span = noise.span
+    p, q, m, w = own.shape[1], lags.shape[1], late.shape[1], bends.shape[1]
+    sigma = max(difference_sigma(left[kept]), 1e-3 * float(np.std(residual)), 1e-12)
+    tried: list[_Level] = []
+    taus = np.geomspace(5 * noise.period, max(noise.span / 2, 10 * noise.period), DRIFT_TIMES)
+    for ratio in DRIFT_RATIOS:
+        for tau in taus.tolist() if ratio else taus[:1].tolist():
+            factor = noise.factor(ratio, tau)
+            # Beside the instants, whose prior is the same all over the grid.
+            whole, cost = beside(rows.T @ factor.solve(rows), 1 + p + q, m, 1 / sigma)
+            for wander in (0.0, *WANDER_SIZES):
+                gram, logdet = beside(whole, 1 + p + q, w, wander)
+                for size in LAG_SIZES:
+                    prior = information_of(len(gram) - 1, p, (q, size))
+                    offset = factor.logdet + cost + logdet
+                    value, white = marginal(gram, offset, len(rows), prior)
+                    tried.append(_Level(ratio, tau, wander, size, white, value))
+    still = min((level for level in tried if not level.wander), key=attrgetter("value"))
+    limit = min(level.value for level in tried) + AS_LIKELY
+    wandering = max((e for e in tried if e.value <= limit), key=lambda e: (e.wander, -e.value))
+    span = _sizes(own, gains, levels[: len(gains)])
+    linear = _linear_moves(own * span, still.white)
 
-    def likely(ratio: float, tau: float) -> Iterator[_Level]:
-        factor = noise.factor(ratio, tau)
-        # Beside the instants, whose prior is the same all over the grid.
-        gram, logdet = _beside(rows.T @ factor.solve(rows), 1 + p + q, m, 1 / sigma)
-        for size in LAG_SIZES:
-            prior = _prior(len(gram) - 1, p, (q, size))
-            value, white = _marginal(gram, factor.logdet + logdet, len(rows), prior)
-            yield _Level(ratio, tau, size, white, value)
+    def posterior(at: _Level) -> tuple[Float, Float, Float]:
+        gram = rows.T @ noise.factor(at.ratio, at.tau).solve(rows)
+        groups = (q, at.lags), (m, 1 / at.white), (w, at.wander)
+        return _posterior(gram, at.white, p, span, linear, groups)
 
-    taus = np.geomspace(5 * noise.period, max(span / 2, 10 * noise.period), DRIFT_TIMES).tolist()
-    near = [(ratio, tau) for ratio in DRIFT_RATIOS for tau in (taus if ratio else taus[:1])]
-    far = [(r, n * span) for r in (*DRIFT_RATIOS[1:], *FAR_RATIOS) for n in SLOW_SPANS]
-    tried = [level for point in near for level in likely(*point)]
-    best = min(tried, key=attrgetter("value"))
-    tried += [level for point in far for level in likely(*point)]
-    as_likely = [level for level in tried if level.value <= best.value + AS_LIKELY]
-    slow = max(as_likely, key=lambda level: (level.tau if level.ratio else 0.0, -level.value))
-    size, white = slow.size, slow.white
-    gram = rows.T @ noise.factor(slow.ratio, slow.tau).solve(rows)
-    prior = _prior(len(gram) - 1, p, (q, size), (m, 1 / white))
-    makes = _sizes(own, gains, levels[: len(gains)])
+    (mean, covariance, instants_), (other, open_, _) = posterior(still), posterior(wandering)
+    # Whether the kind is wrong or something wandered one record cannot tell: either may be true.
+    off = other - mean
+    covariance = (covariance + open_ + np.outer(off, off)) / 2
+    unit = np.append(np.ones(p), level)
+    lag_size = np.hypot(still.white * still.lags, wandering.white * wandering.lags) / np.sqrt(2)
+    return Discrepancy(
+        mean / unit,
+        covariance / np.outer(unit, unit),
+        still.white,
+        still.white * float(np.sqrt(still.ratio)),
+        still.tau,
+        lag_size / level,
+        spread,
+        instants_,
+    )
+
+
+def _posterior(
+    gram: Float,
+    white: float,
+    p: int,
+    span: Float,
+    linear: Float,
+    groups: tuple[tuple[int, float], ...],
+) -> tuple[Float, Float, Float]:
+    """Mean and covariance of moves and lags, shape (p + q,), and the likeliest instants, (m,).
+
+    Parameters
+    ----------
+    gram : ndarray, shape (1 + p + q + m + w + f,) * 2
+        Products of the residual, the sensitivities, lags, instants, bends and free columns.
+    white : float
+    p : int
+    span, linear : ndarray, shape (p,)
+        Sizes of the parameters, and what of those is linear.
+    groups : tuple of (int, float)
+        Numbers and prior sizes of lags, instants and bends, over the white noise.
+    """
+    (q, _), *others = groups
+    prior = information_of(len(gram) - 1, p, *groups)
     # Beside no lags: what the noise alone leaves open of the parameters stays open beside them, and
     # what it does not show at all is open to the most.
     lagless = np.delete(np.arange(len(gram)), slice(1 + p, 1 + p + q))
-    prior[:p] = (white / (PARAMETER_MOVES[1] * makes)) ** 2
-    bare = _inverse(gram[np.ix_(lagless, lagless)], np.delete(prior, slice(p, p + q)))
-    errors = white * np.sqrt(np.maximum(np.diag(bare)[:p], 0.0)) / makes
+    prior[:p] = (white / (PARAMETER_MOVES[1] * span)) ** 2
+    bare = inverse_of(gram[np.ix_(lagless, lagless)], np.delete(prior, slice(p, p + q)))
+    errors = white * np.sqrt(np.maximum(np.diag(bare)[:p], 0.0)) / span
     least, most = PARAMETER_MOVES
-    linear = _linear_moves(own * makes, white)
     moves = np.clip(MOVE_ERRORS * errors, np.minimum(least, linear), np.minimum(most, linear))
-    prior[:p] = (white / (moves * makes)) ** 2
-    inverse = _inverse(gram, prior)
+    prior[:p] = (white / (moves * span)) ** 2
+    inverse = inverse_of(gram, prior)
     keep, fit = slice(0, p + q), slice(1, 1 + p + q)
-    mean = inverse @ gram[1:, 0]
-    unit = np.append(np.ones(p), level)
-    return Discrepancy(
-        mean[keep] / unit,
-        white**2 * inverse[keep, keep] / np.outer(unit, unit),
-        best.white,
-        best.white * float(np.sqrt(best.ratio)),
-        best.tau,
-        white * size / level,
-        spread,
-        _instants(np.delete(np.delete(gram, fit, 0), fit, 1), m, white),
+    alone = np.delete(np.delete(gram, fit, 0), fit, 1)
+    return (
+        (inverse @ gram[1:, 0])[keep],
+        white**2 * inverse[keep, keep],
+        _instants(alone, others),
     )
 
 
@@ -240,6 +284,18 @@ def spread(
     return np.asarray((differ @ steps.T @ inverse.T).reshape(len(others), len(here) * len(lags)))
 
 
+def _bends(time: Float, members: Sequence[NDArray[np.bool_]]) -> Float:
+    """Ramps that begin at bends of a smooth course of each record, one at its end, (n, bends)."""
+    each = max(1, min(BENDS, MAX_BENDS // len(members)))
+    found = np.zeros((len(time), len(members) * each))
+    for k, own in enumerate(members):
+        first, last = time[own][[0, -1]]
+        at = np.linspace(first, last, each, endpoint=False)
+        ramps = np.maximum(time[own][:, None] - at, 0.0) / max(last - first, 1e-300)
+        found[np.flatnonzero(own)[:, None], k * each + np.arange(each)] = ramps
+    return found
+
+
 def _largest(columns: Float, levels: Float) -> Float:
     """Largest absolute value of each column; that of its drive where no row shows any."""
     largest = np.max(np.abs(columns), axis=0, initial=0.0)
@@ -267,76 +323,7 @@ def _linear_moves(makes: Float, white: float) -> Float:
     return np.asarray(np.sqrt(2 * white / np.maximum(size, 1e-300)))
 
 
-def _beside(gram: Float, first: int, count: int, size: float) -> tuple[Float, float]:
-    """Products beside columns with a prior that are integrated out, and what that costs.
-
-    Parameters
-    ----------
-    gram : ndarray, shape (c, c)
-    first, count : int
-        Which columns.
-    size : float
-        Their prior standard deviation over the noise.
-
-    Returns
-    -------
-    ndarray, shape (c - count, c - count)
-    float
-        Logarithm of the determinant of their information over that of the prior.
-    """
-    out = slice(first, first + count)
-    if not count:
-        return gram, 0.0
-    root = np.linalg.cholesky(gram[out, out] * size**2 + np.eye(count))
-    through = solve_triangular(root, size * np.delete(gram[out], out, axis=1), lower=True)
-    left = np.delete(np.delete(gram, out, axis=0), out, axis=1) - through.T @ through
-    return left, 2 * float(np.sum(np.log(np.diag(root))))
-
-
-def _instants(gram: Float, count: int, white: float) -> Float:
-    """The likeliest instants beside the fit as it stands, shape (count,): nothing else moves."""
-    inverse = _inverse(gram, _prior(len(gram) - 1, 0, (count, 1 / white)))
-    return np.asarray((inverse @ gram[1:, 0])[:count])
-
-
-def _prior(columns: int, p: int, *groups: tuple[int, float]) -> Float:
-    """Prior information of the columns, shape (columns,): p without any, then groups of one size.
-
-    The information is over that of a row; sizes are prior standard deviations over its noise.
-    """
-    prior, start = np.zeros(columns), p
-    for count, size in groups:
-        prior[start : start + count] = 1 / size**2
-        start += count
-    return prior
-
-
-def _scaled(gram: Float, prior: Float) -> tuple[Float, Float]:
-    """Information with the prior, its diagonal scaled to ones, and the roots of the diagonal."""
-    information = gram[1:, 1:] + np.diag(prior)
-    height = np.sqrt(np.diag(information))
-    height[height == 0] = 1.0
-    return information / np.outer(height, height), height
-
-
-def _inverse(gram: Float, prior: Float) -> Float:
-    """Inverse of the information of the columns with the prior."""
-    scaled, height = _scaled(gram, prior)
-    known = np.linalg.pinv(scaled, rcond=MIN_DIRECTION, hermitian=True)
-    return np.asarray(known / np.outer(height, height), float)
-
-
-def _marginal(gram: Float, logdet: float, n: int, prior: Float) -> tuple[float, float]:
-    """Negative log marginal likelihood, and white noise, for one prior of the columns."""
-    scaled, height = _scaled(gram, prior)
-    pull = gram[1:, 0] / height
-    values, vectors = np.linalg.eigh(scaled)
-    seen = values > MIN_DIRECTION * values[-1]
-    explained = float(np.sum((pull @ vectors[:, seen]) ** 2 / values[seen]))
-    square = max(float(gram[0, 0]) - explained, 1e-300)
-    held = prior > 0
-    dof = max(n - int(np.sum(~held)), 1)
-    occam = float(np.sum(np.log(np.maximum(values, MIN_DIRECTION))))
-    occam += 2 * float(np.sum(np.log(height)))
-    occam -= float(np.sum(np.log(prior[held])))
-    return 0.5 * (dof * np.log(square / dof) + logdet + occam), float(np.sqrt(square / dof))
+def _instants(gram: Float, groups: Sequence[tuple[int, float]]) -> Float:
+    """The likeliest of the first group beside the fit as it stands: no parameter, no lag moves."""
+    inverse = inverse_of(gram, information_of(len(gram) - 1, 0, *groups))
+    return np.asarray((inverse @ gram[1:, 0])[: groups[0][0]])
