@@ -76,6 +76,9 @@ class Discrepancy:
         response, or of one where drives share what they do in another way.
     instants : ndarray, shape (s,)
         How early each switch between the rows most likely is, over its standard deviation.
+    taken_up : ndarray, shape (p, p)
+        Covariance that parameters have beside that of the noise, the kind being right: of what
+        wandered, and of what of it the fit took for theirs.
     """
 
     mean: Float
@@ -86,6 +89,7 @@ class Discrepancy:
     size: Float
     spread: Float
     instants: Float
+    taken_up: Float
 
 
 @dataclass(frozen=True)
@@ -192,69 +196,89 @@ def discrepancy(
     span = _sizes(own, gains, levels[: len(gains)])
     linear = _linear_moves(own * span, still.white)
 
-    def posterior(at: _Level) -> tuple[Float, Float, Float]:
+    def posterior(at: _Level) -> _Posterior:
         gram = rows.T @ noise.factor(at.ratio, at.tau).solve(rows)
         groups = (q, at.lags), (m, 1 / at.white), (w, at.wander)
-        return _posterior(gram, at.white, p, span, linear, groups)
+        return _Posterior.of(gram, at.white, span, linear, groups)
 
-    (mean, covariance, instants_), (other, open_, _) = posterior(still), posterior(wandering)
+    here, there = posterior(still), posterior(wandering)
     # Whether the kind is wrong or something wandered one record cannot tell: either may be true.
-    off = other - mean
-    covariance = (covariance + open_ + np.outer(off, off)) / 2
+    off = there.mean - here.mean
+    covariance = (here.covariance + there.covariance + np.outer(off, off)) / 2
+    # The fit itself, of least squares, takes up what wanders.
+    fitted_off = np.outer(there.mean_alone, there.mean_alone)
+    more = _positive(there.covariance_alone - here.covariance_alone, span)
     unit = np.append(np.ones(p), level)
     lag_size = np.hypot(still.white * still.lags, wandering.white * wandering.lags) / np.sqrt(2)
     return Discrepancy(
-        mean / unit,
+        here.mean / unit,
         covariance / np.outer(unit, unit),
         still.white,
         still.white * float(np.sqrt(still.ratio)),
         still.tau,
         lag_size / level,
         spread,
-        instants_,
+        here.instants,
+        (more + fitted_off) / 2,
     )
 
 
-def _posterior(
-    gram: Float,
-    white: float,
-    p: int,
-    span: Float,
-    linear: Float,
-    groups: tuple[tuple[int, float], ...],
-) -> tuple[Float, Float, Float]:
-    """Mean and covariance of moves and lags, shape (p + q,), and the likeliest instants, (m,).
+@dataclass(frozen=True)
+class _Posterior:
+    """Of moves of the parameters and weights of the lags, shape (p + q,); of moves beside no lags.
 
-    Parameters
-    ----------
-    gram : ndarray, shape (1 + p + q + m + w + f,) * 2
-        Products of the residual, the sensitivities, lags, instants, bends and free columns.
-    white : float
-    p : int
-    span, linear : ndarray, shape (p,)
-        Sizes of the parameters, and what of those is linear.
-    groups : tuple of (int, float)
-        Numbers and prior sizes of lags, instants and bends, over the white noise.
+    And of the instants the likeliest, shape (m,).
     """
-    (q, _), *others = groups
-    prior = information_of(len(gram) - 1, p, *groups)
-    # Beside no lags: what the noise alone leaves open of the parameters stays open beside them, and
-    # what it does not show at all is open to the most.
-    lagless = np.delete(np.arange(len(gram)), slice(1 + p, 1 + p + q))
-    prior[:p] = (white / (PARAMETER_MOVES[1] * span)) ** 2
-    bare = inverse_of(gram[np.ix_(lagless, lagless)], np.delete(prior, slice(p, p + q)))
-    errors = white * np.sqrt(np.maximum(np.diag(bare)[:p], 0.0)) / span
-    least, most = PARAMETER_MOVES
-    moves = np.clip(MOVE_ERRORS * errors, np.minimum(least, linear), np.minimum(most, linear))
-    prior[:p] = (white / (moves * span)) ** 2
-    inverse = inverse_of(gram, prior)
-    keep, fit = slice(0, p + q), slice(1, 1 + p + q)
-    alone = np.delete(np.delete(gram, fit, 0), fit, 1)
-    return (
-        (inverse @ gram[1:, 0])[keep],
-        white**2 * inverse[keep, keep],
-        _instants(alone, others),
-    )
+
+    mean: Float
+    covariance: Float
+    mean_alone: Float
+    covariance_alone: Float
+    instants: Float
+
+    @staticmethod
+    def of(
+        gram: Float, white: float, span: Float, linear: Float, groups: tuple[tuple[int, float], ...]
+    ) -> _Posterior:
+        """From products of the residual, sensitivities, lags, instants, bends and free columns.
+
+        Parameters
+        ----------
+        gram : ndarray, shape (1 + p + q + m + w + f,) * 2
+        white : float
+        span, linear : ndarray, shape (p,)
+            Sizes of the parameters, and what of those is linear.
+        groups : tuple of (int, float)
+            Numbers and prior sizes of lags, instants and bends, over the white noise.
+        """
+        p, ((q, _), *others) = len(span), groups
+        prior = information_of(len(gram) - 1, p, *groups)
+        # Beside no lags: what the noise alone leaves open of the parameters stays open beside them,
+        # and what it does not show at all is open to the most.
+        lagless = np.delete(np.arange(len(gram)), slice(1 + p, 1 + p + q))
+        bare = gram[np.ix_(lagless, lagless)]
+        prior[:p] = (white / (PARAMETER_MOVES[1] * span)) ** 2
+        alone = inverse_of(bare, np.delete(prior, slice(p, p + q)))
+        errors = white * np.sqrt(np.maximum(np.diag(alone)[:p], 0.0)) / span
+        least, most = PARAMETER_MOVES
+        moves = np.clip(MOVE_ERRORS * errors, np.minimum(least, linear), np.minimum(most, linear))
+        prior[:p] = (white / (moves * span)) ** 2
+        inverse = inverse_of(gram, prior)
+        keep, fit = slice(0, p + q), slice(1, 1 + p + q)
+        return _Posterior(
+            (inverse @ gram[1:, 0])[keep],
+            white**2 * inverse[keep, keep],
+            (alone @ bare[1:, 0])[:p],
+            white**2 * alone[:p, :p],
+            _instants(np.delete(np.delete(gram, fit, 0), fit, 1), others),
+        )
+
+
+def _positive(difference: Float, size: Float) -> Float:
+    """Of a difference of covariances what is more, in units of each parameter's size."""
+    values, vectors = np.linalg.eigh(difference / np.outer(size, size))
+    root = size[:, None] * vectors * np.sqrt(np.maximum(values, 0.0))
+    return np.asarray(root @ root.T)
 
 
 def spread(

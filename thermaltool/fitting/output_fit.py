@@ -355,6 +355,9 @@ def _described(
         ),
         spread(problem.grid.rates, lags, duration, others, own),
     )
+    # What wandered beside the drives the fit took in part for theirs.
+    p, factor = len(rates) + gains, factor[keep]
+    covariance[:p, :p] += slack.taken_up * np.outer(factor[:p], factor[:p])
     beside = residual if instants is None else residual - instants.columns @ slack.instants
     return OutputFit(
         responses=responses,
