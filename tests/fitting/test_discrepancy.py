@@ -126,6 +126,7 @@ def test_a_parameter_that_no_row_shows_is_open(unit):
         np.array([2.0, 0.0]),
         np.array([1.0, 50.0 * unit, 1.0, 1.0, 50.0 * unit]),
         np.zeros((0, 3)),
+        np.eye(4),
     )
     seen, hidden, gain, dead, *lagged = np.sqrt(np.diag(known.covariance))
     assert hidden == pytest.approx(0.3)

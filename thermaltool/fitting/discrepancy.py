@@ -22,6 +22,7 @@ from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy.linalg import block_diag
 
 from thermaltool.fitting.gaussian_columns import beside, information_of, inverse_of, marginal
 from thermaltool.fitting.instants import Instants
@@ -134,6 +135,7 @@ def discrepancy(
     gains: Float,
     levels: Float,
     spread: Float,
+    fitted: Float,
 ) -> Discrepancy:
     """Posterior from the residual of a calibration.
 
@@ -153,6 +155,8 @@ def discrepancy(
         Largest value of the drive of each gain and lag, for those that no row shows.
     spread : ndarray, shape (m, q)
         See `Discrepancy`.
+    fitted : ndarray, shape (p, f)
+        Which of the parameters that the fit has each one is: several share a rate.
     """
     # The prior is one of what is seen, whatever the unit of a drive.
     level = _largest(lags, levels[len(gains) :])
@@ -199,7 +203,7 @@ def discrepancy(
     def posterior(at: _Level) -> _Posterior:
         gram = rows.T @ noise.factor(at.ratio, at.tau).solve(rows)
         groups = (q, at.lags), (m, 1 / at.white), (w, at.wander)
-        return _Posterior.of(gram, at.white, span, linear, groups)
+        return _Posterior.of(gram, at.white, fitted, span, linear, groups)
 
     here, there = posterior(still), posterior(wandering)
     # Whether the kind is wrong or something wandered one record cannot tell: either may be true.
@@ -238,7 +242,12 @@ class _Posterior:
 
     @staticmethod
     def of(
-        gram: Float, white: float, span: Float, linear: Float, groups: tuple[tuple[int, float], ...]
+        gram: Float,
+        white: float,
+        fitted: Float,
+        span: Float,
+        linear: Float,
+        groups: tuple[tuple[int, float], ...],
     ) -> _Posterior:
         """From products of the residual, sensitivities, lags, instants, bends and free columns.
 
@@ -246,6 +255,7 @@ class _Posterior:
         ----------
         gram : ndarray, shape (1 + p + q + m + w + f,) * 2
         white : float
+        fitted : ndarray, shape (p, f)
         span, linear : ndarray, shape (p,)
             Sizes of the parameters, and what of those is linear.
         groups : tuple of (int, float)
@@ -258,7 +268,13 @@ class _Posterior:
         lagless = np.delete(np.arange(len(gram)), slice(1 + p, 1 + p + q))
         bare = gram[np.ix_(lagless, lagless)]
         prior[:p] = (white / (PARAMETER_MOVES[1] * span)) ** 2
-        alone = inverse_of(bare, np.delete(prior, slice(p, p + q)))
+        without = np.delete(prior, slice(p, p + q))
+        alone = inverse_of(bare, without)
+        # As the fit has them.
+        f = fitted.shape[1]
+        ties = block_diag(1.0, fitted, np.eye(len(bare) - 1 - p))
+        tied = ties.T @ bare @ ties
+        own = inverse_of(tied, np.append(np.max(fitted.T * prior[:p], axis=1), without[p:]))
         errors = white * np.sqrt(np.maximum(np.diag(alone)[:p], 0.0)) / span
         least, most = PARAMETER_MOVES
         moves = np.clip(MOVE_ERRORS * errors, np.minimum(least, linear), np.minimum(most, linear))
@@ -268,8 +284,8 @@ class _Posterior:
         return _Posterior(
             (inverse @ gram[1:, 0])[keep],
             white**2 * inverse[keep, keep],
-            (alone @ bare[1:, 0])[:p],
-            white**2 * alone[:p, :p],
+            fitted @ (own @ tied[1:, 0])[:f],
+            white**2 * fitted @ own[:f, :f] @ fitted.T,
             _instants(np.delete(np.delete(gram, fit, 0), fit, 1), others),
         )
 

@@ -329,7 +329,7 @@ def _described(
     shared = np.concatenate(parametrization.parts(np.arange(len(theta))))
     keep = [*shared, *range(len(theta), fitted), *range(-problem.records, 0)]
     covariance = covariance[np.ix_(keep, keep)]
-    rates = theta[shared]
+    rates, p = theta[shared], len(shared) + gains
     if parametrization.common:
         jacobian = problem.jacobian(apart, rates, linear)
     n = len(problem.grid.rates)
@@ -344,8 +344,8 @@ def _described(
         problem.time,
         problem.record,
         residual,
-        jacobian[:, : len(rates) + gains],
-        jacobian[:, len(rates) + gains :],
+        jacobian[:, :p],
+        jacobian[:, p:],
         bank,
         instants,
         linear[:gains],
@@ -354,9 +354,10 @@ def _described(
             np.repeat(levels, len(lags)),
         ),
         spread(problem.grid.rates, lags, duration, others, own),
+        np.eye(fitted)[keep[:p]],
     )
     # What wandered beside the drives the fit took in part for theirs.
-    p, factor = len(rates) + gains, factor[keep]
+    factor = factor[keep]
     covariance[:p, :p] += slack.taken_up * np.outer(factor[:p], factor[:p])
     beside = residual if instants is None else residual - instants.columns @ slack.instants
     return OutputFit(
