@@ -37,6 +37,11 @@ def test_a_room_that_hardly_moves_is_followed_in_the_end(seed):
     """Another day is warmer by 4 K: a gain from a room that moved by 0.5 K is no guide."""
     model = calibrate([log_of(seed, 0.5)], PLAN)
     assert room_gain(model) == pytest.approx(1.0, abs=0.01)
+    # Known as a law, whatever else the log leaves open.
+    term = next(t for t in model.terms if t.drive == ROOM)
+    names = (*term.response.searched, *term.response.gains)
+    gains = np.array([float(name in term.response.gains) for name in names])
+    assert gains @ np.array(term.covariance) @ gains < 0.01**2
     other = log_of(seed + 10, 4.0)
     left = other.column(OUTPUT) - model.simulate(other)[OUTPUT]
     assert np.std(left) < 0.08

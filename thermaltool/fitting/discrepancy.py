@@ -2,12 +2,14 @@
 
 No kind of response is exact. What is left of a calibration is explained by lags of the drives,
 which all make as much a priori, by moves of the fitted parameters as far as the noise leaves them
-open, by what wanders beside the drives (a room that nobody logs, which a machine follows smoothly),
-and by white noise with a slow drift; sizes by marginal likelihood. Mean and covariance of moves and
-weights are what later data have to contradict before a model counts as wrong (Kennedy & O'Hagan
-2001). Whether the kind is wrong or something wandered one record tells badly. So the mean is that
-without any wandering, and the covariance covers both; of sizes that are as likely it covers the
-largest.
+open, and by white noise with a slow drift; sizes by marginal likelihood. Mean and covariance of
+moves and weights are what later data have to contradict before a model counts as wrong (Kennedy &
+O'Hagan 2001).
+
+It is explained a second time beside a disturbance: a room that nobody logs warms a machine in a
+smooth course, of which the parameters take up a part. One log hardly shows whether the kind is
+wrong or the room's temperature changed. So the mean is that without the disturbance, and the
+covariance covers both, up to the largest disturbance that is as likely as any.
 
 The noise is that of signals/drift.py, with the same factors; but weights and moves are integrated
 out beside it, which moves the maximum, and that is only looked for on a grid.
@@ -22,9 +24,14 @@ from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.linalg import block_diag
 
-from thermaltool.fitting.gaussian_columns import beside, information_of, inverse_of, marginal
+from thermaltool.fitting.calibration_posterior import CalibrationPosterior
+from thermaltool.fitting.gaussian_columns import (
+    beside,
+    information_of,
+    marginal,
+    positive_part,
+)
 from thermaltool.fitting.instants import Instants
 from thermaltool.record import Record
 from thermaltool.responses.modes import Float
@@ -36,16 +43,14 @@ from thermaltool.signals.row_groups import RowGroups
 LAG_SIZES = (0.03, 0.1, 0.3, 1.0, 3.0, 10.0, 30.0, 100.0, 300.0, 1000.0)
 DRIFT_RATIOS = (0.0, 0.01, 0.03, 0.1, 0.3, 1.0, 3.0)
 DRIFT_TIMES = 5
-# What wanders bends at so many instants of a record, and by all records at no more than those; each
-# bend makes so many times the white noise at the end of its record, a priori.
-BENDS, MAX_BENDS = 16, 96
-WANDER_SIZES = (0.1, 0.3, 1.0, 3.0, 10.0, 30.0, 100.0, 300.0)
+# A disturbance bends at so many instants of a record, with so many rows at least to each, and in
+# all records at so many together, though once in each. Prior sizes of what it makes at the end of
+# the longest record, over the white noise; drift over white, in variance, beside it.
+BENDS, ROWS_OF_A_BEND, MAX_BENDS = 16, 20, 96
+DISTURBANCE_SIZES = (0.3, 1.0, 3.0, 10.0, 30.0, 100.0, 300.0)
+DRIFTS_BESIDE = (0.0, 0.03, 0.3, 3.0)
 # 95 % limit of a profile of the likelihood.
 AS_LIKELY = 1.92
-# Prior standard deviation of a parameter's move: so many times what the noise leaves open of it,
-# but no less than the first and no more than the second share of its size, nor more than what is
-# linear to within the noise; the lags say the rest.
-MOVE_ERRORS, PARAMETER_MOVES = 3.0, (0.003, 0.3)
 # A calibration that leaves more than this many times the noise of a reading has an error of
 # structure, and is no measure of what is wrong with a machine.
 MAX_OVER_NOISE = 5.0
@@ -66,8 +71,8 @@ class Discrepancy:
         Moves of the parameters (of logarithms, gains), then weights of the lags.
     covariance : ndarray, shape (p + q, p + q)
     white, drift : float
-        Standard deviations of noise and of a discrepancy beside it [unit of the output], where
-        nothing wanders: of what a later log leaves, not of what this posterior took apart.
+        Standard deviations of noise and of a discrepancy beside it [unit of the output], without
+        a disturbance: a later log has one of its own.
     drift_time : float
         Time constant of the discrepancy [s].
     size : ndarray, shape (q,)
@@ -77,9 +82,9 @@ class Discrepancy:
         response, or of one where drives share what they do in another way.
     instants : ndarray, shape (s,)
         How early each switch between the rows most likely is, over its standard deviation.
-    taken_up : ndarray, shape (p, p)
-        Covariance that parameters have beside that of the noise, the kind being right: of what
-        wandered, and of what of it the fit took for theirs.
+    confounded : ndarray, shape (f, f)
+        Covariance that the f parameters of the fit have beside that of the noise, without lags: of
+        a disturbance, and of what of it least squares took for the drives'. Offsets are left out.
     """
 
     mean: Float
@@ -90,19 +95,28 @@ class Discrepancy:
     size: Float
     spread: Float
     instants: Float
-    taken_up: Float
+    confounded: Float
 
 
 @dataclass(frozen=True)
 class _Level:
-    """Sizes of what a residual is made of, those of lags and of wandering over the white noise.
+    """Sizes of what a residual is made of.
 
-    Its negative log marginal likelihood is `value`.
+    Attributes
+    ----------
+    ratio : float
+        Of drift over white noise, in variance.
+    tau : float [s]
+    disturbance, lags : float
+        Prior standard deviations over the white noise.
+    white : float [unit of the output]
+    value : float
+        Negative log marginal likelihood.
     """
 
     ratio: float
     tau: float
-    wander: float
+    disturbance: float
     lags: float
     white: float
     value: float
@@ -156,7 +170,7 @@ def discrepancy(
     spread : ndarray, shape (m, q)
         See `Discrepancy`.
     fitted : ndarray, shape (p, f)
-        Which of the parameters that the fit has each one is: several share a rate.
+        Zeros and ones: which parameter of the fit each one is, as several share a rate.
     """
     # The prior is one of what is seen, whatever the unit of a drive.
     level = _largest(lags, levels[len(gains) :])
@@ -187,114 +201,50 @@ def discrepancy(
             factor = noise.factor(ratio, tau)
             # Beside the instants, whose prior is the same all over the grid.
             whole, cost = beside(rows.T @ factor.solve(rows), 1 + p + q, m, 1 / sigma)
-            for wander in (0.0, *WANDER_SIZES):
-                gram, logdet = beside(whole, 1 + p + q, w, wander)
+            for disturbance in (0.0, *DISTURBANCE_SIZES * (ratio in DRIFTS_BESIDE)):
+                gram, logdet = beside(whole, 1 + p + q, w, disturbance)
                 for size in LAG_SIZES:
                     prior = information_of(len(gram) - 1, p, (q, size))
-                    offset = factor.logdet + cost + logdet
-                    value, white = marginal(gram, offset, len(rows), prior)
-                    tried.append(_Level(ratio, tau, wander, size, white, value))
-    still = min((level for level in tried if not level.wander), key=attrgetter("value"))
-    limit = min(level.value for level in tried) + AS_LIKELY
-    wandering = max((e for e in tried if e.value <= limit), key=lambda e: (e.wander, -e.value))
+                    given = factor.logdet + cost + logdet
+                    value, white = marginal(gram, given, len(rows), prior)
+                    tried.append(_Level(ratio, tau, disturbance, size, white, value))
     span = _sizes(own, gains, levels[: len(gains)])
+    still = min((level for level in tried if not level.disturbance), key=attrgetter("value"))
+    limit = min(level.value for level in tried) + AS_LIKELY
+    as_likely = [level for level in tried if level.value <= limit]
+    disturbed = max(as_likely, key=lambda e: (e.disturbance * e.white, -e.value))
     linear = _linear_moves(own * span, still.white)
 
-    def posterior(at: _Level) -> _Posterior:
+    def posterior(at: _Level) -> CalibrationPosterior:
         gram = rows.T @ noise.factor(at.ratio, at.tau).solve(rows)
-        groups = (q, at.lags), (m, 1 / at.white), (w, at.wander)
-        return _Posterior.of(gram, at.white, fitted, span, linear, groups)
+        sizes = (q, at.lags), (m, 1 / at.white), (w, at.disturbance)
+        return CalibrationPosterior.of(gram, at.white, fitted, span, linear, sizes)
 
-    here, there = posterior(still), posterior(wandering)
-    # Whether the kind is wrong or something wandered one record cannot tell: either may be true.
-    off = there.mean - here.mean
-    covariance = (here.covariance + there.covariance + np.outer(off, off)) / 2
-    # The fit itself, of least squares, takes up what wanders.
-    fitted_off = np.outer(there.mean_alone, there.mean_alone)
-    more = _positive(there.covariance_alone - here.covariance_alone, span)
+    first, second = posterior(still), posterior(disturbed)
+    # Even where it is the likelier one: an error of shape passes for a disturbance.
+    share = min(0.5, 1 / (1 + np.exp(disturbed.value - still.value)))
+    shift = second.mean - first.mean
+    covariance = (1 - share) * first.covariance
+    covariance += share * (second.covariance + np.outer(shift, shift))
+    # The fit itself stands at zero.
+    widened = positive_part(second.covariance_alone - first.covariance_alone)
+    confounded = share * (widened + np.outer(second.mean_alone, second.mean_alone))
     unit = np.append(np.ones(p), level)
-    lag_size = np.hypot(still.white * still.lags, wandering.white * wandering.lags) / np.sqrt(2)
+    lag_size = np.sqrt(
+        (1 - share) * (still.white * still.lags) ** 2
+        + share * (disturbed.white * disturbed.lags) ** 2
+    )
     return Discrepancy(
-        here.mean / unit,
+        first.mean / unit,
         covariance / np.outer(unit, unit),
         still.white,
         still.white * float(np.sqrt(still.ratio)),
         still.tau,
         lag_size / level,
         spread,
-        here.instants,
-        (more + fitted_off) / 2,
+        first.instants,
+        confounded,
     )
-
-
-@dataclass(frozen=True)
-class _Posterior:
-    """Of moves of the parameters and weights of the lags, shape (p + q,); of moves beside no lags.
-
-    And of the instants the likeliest, shape (m,).
-    """
-
-    mean: Float
-    covariance: Float
-    mean_alone: Float
-    covariance_alone: Float
-    instants: Float
-
-    @staticmethod
-    def of(
-        gram: Float,
-        white: float,
-        fitted: Float,
-        span: Float,
-        linear: Float,
-        groups: tuple[tuple[int, float], ...],
-    ) -> _Posterior:
-        """From products of the residual, sensitivities, lags, instants, bends and free columns.
-
-        Parameters
-        ----------
-        gram : ndarray, shape (1 + p + q + m + w + f,) * 2
-        white : float
-        fitted : ndarray, shape (p, f)
-        span, linear : ndarray, shape (p,)
-            Sizes of the parameters, and what of those is linear.
-        groups : tuple of (int, float)
-            Numbers and prior sizes of lags, instants and bends, over the white noise.
-        """
-        p, ((q, _), *others) = len(span), groups
-        prior = information_of(len(gram) - 1, p, *groups)
-        # Beside no lags: what the noise alone leaves open of the parameters stays open beside them,
-        # and what it does not show at all is open to the most.
-        lagless = np.delete(np.arange(len(gram)), slice(1 + p, 1 + p + q))
-        bare = gram[np.ix_(lagless, lagless)]
-        prior[:p] = (white / (PARAMETER_MOVES[1] * span)) ** 2
-        without = np.delete(prior, slice(p, p + q))
-        alone = inverse_of(bare, without)
-        # As the fit has them.
-        f = fitted.shape[1]
-        ties = block_diag(1.0, fitted, np.eye(len(bare) - 1 - p))
-        tied = ties.T @ bare @ ties
-        own = inverse_of(tied, np.append(np.max(fitted.T * prior[:p], axis=1), without[p:]))
-        errors = white * np.sqrt(np.maximum(np.diag(alone)[:p], 0.0)) / span
-        least, most = PARAMETER_MOVES
-        moves = np.clip(MOVE_ERRORS * errors, np.minimum(least, linear), np.minimum(most, linear))
-        prior[:p] = (white / (moves * span)) ** 2
-        inverse = inverse_of(gram, prior)
-        keep, fit = slice(0, p + q), slice(1, 1 + p + q)
-        return _Posterior(
-            (inverse @ gram[1:, 0])[keep],
-            white**2 * inverse[keep, keep],
-            fitted @ (own @ tied[1:, 0])[:f],
-            white**2 * fitted @ own[:f, :f] @ fitted.T,
-            _instants(np.delete(np.delete(gram, fit, 0), fit, 1), others),
-        )
-
-
-def _positive(difference: Float, size: Float) -> Float:
-    """Of a difference of covariances what is more, in units of each parameter's size."""
-    values, vectors = np.linalg.eigh(difference / np.outer(size, size))
-    root = size[:, None] * vectors * np.sqrt(np.maximum(values, 0.0))
-    return np.asarray(root @ root.T)
 
 
 def spread(
@@ -325,14 +275,22 @@ def spread(
 
 
 def _bends(time: Float, members: Sequence[NDArray[np.bool_]]) -> Float:
-    """Ramps that begin at bends of a smooth course of each record, one at its end, (n, bends)."""
-    each = max(1, min(BENDS, MAX_BENDS // len(members)))
+    """Courses that bend once in a record, shape (n, bends): an integrated random walk together.
+
+    Of one prior size they make that size at the end of the longest record, and less in shorter
+    ones, as a walk does.
+    """
+    longest = max(float(np.ptp(time[own])) for own in members)
+    rows = min(int(np.sum(own)) for own in members)
+    each = max(1, min(BENDS, MAX_BENDS // len(members), rows // ROWS_OF_A_BEND))
+    ahead = 1.0 - np.arange(each) / each
     found = np.zeros((len(time), len(members) * each))
     for k, own in enumerate(members):
-        first, last = time[own][[0, -1]]
-        at = np.linspace(first, last, each, endpoint=False)
-        ramps = np.maximum(time[own][:, None] - at, 0.0) / max(last - first, 1e-300)
-        found[np.flatnonzero(own)[:, None], k * each + np.arange(each)] = ramps
+        since, length = time[own] - time[own][0], float(np.ptp(time[own]))
+        share = since / max(length, 1e-300)
+        ramps = np.maximum(share[:, None] + ahead - 1.0, 0.0) / np.sqrt(np.sum(ahead**2))
+        height = (length / max(longest, 1e-300)) ** 1.5
+        found[np.flatnonzero(own)[:, None], k * each + np.arange(each)] = height * ramps
     return found
 
 
@@ -361,9 +319,3 @@ def _linear_moves(makes: Float, white: float) -> Float:
     """
     size = np.sqrt(np.mean(np.square(makes), axis=0))
     return np.asarray(np.sqrt(2 * white / np.maximum(size, 1e-300)))
-
-
-def _instants(gram: Float, groups: Sequence[tuple[int, float]]) -> Float:
-    """The likeliest of the first group beside the fit as it stands: no parameter, no lag moves."""
-    inverse = inverse_of(gram, information_of(len(gram) - 1, 0, *groups))
-    return np.asarray((inverse @ gram[1:, 0])[: groups[0][0]])

@@ -44,9 +44,18 @@ def beside(gram: Float, first: int, count: int, size: float) -> tuple[Float, flo
 
 
 def information_of(columns: int, p: int, *groups: tuple[int, float]) -> Float:
-    """Prior information of the columns, shape (columns,): p without any, then groups of one size.
+    """Prior information of columns, over that of a row: of the first p none, then groups.
 
-    The information is over that of a row; sizes are prior standard deviations over its noise.
+    Parameters
+    ----------
+    columns, p : int
+        Those beyond the groups have none either.
+    *groups : (int, float)
+        Number, and prior standard deviation over the noise of a row.
+
+    Returns
+    -------
+    ndarray, shape (columns,)
     """
     prior, start = np.zeros(columns), p
     for count, size in groups:
@@ -64,14 +73,34 @@ def _scaled(gram: Float, prior: Float) -> tuple[Float, Float]:
 
 
 def inverse_of(gram: Float, prior: Float) -> Float:
-    """Inverse of the information of the columns with the prior."""
+    """Inverse of the information of the columns with the prior.
+
+    Parameters
+    ----------
+    gram : ndarray, shape (1 + c, 1 + c)
+    prior : ndarray, shape (c,)
+
+    Returns
+    -------
+    ndarray, shape (c, c)
+    """
     scaled, height = _scaled(gram, prior)
     known = np.linalg.pinv(scaled, rcond=MIN_DIRECTION, hermitian=True)
     return np.asarray(known / np.outer(height, height), float)
 
 
 def marginal(gram: Float, logdet: float, n: int, prior: Float) -> tuple[float, float]:
-    """Negative log marginal likelihood, and white noise, for one prior of the columns."""
+    """Negative log marginal likelihood, and white noise, for one prior of the columns.
+
+    Parameters
+    ----------
+    gram : ndarray, shape (1 + c, 1 + c)
+    logdet : float
+        Of the covariance of the rows, over the white noise, and of what was integrated out.
+    n : int
+        Rows.
+    prior : ndarray, shape (c,)
+    """
     scaled, height = _scaled(gram, prior)
     pull = gram[1:, 0] / height
     values, vectors = np.linalg.eigh(scaled)
@@ -84,3 +113,21 @@ def marginal(gram: Float, logdet: float, n: int, prior: Float) -> tuple[float, f
     occam += 2 * float(np.sum(np.log(height)))
     occam -= float(np.sum(np.log(prior[held])))
     return 0.5 * (dof * np.log(square / dof) + logdet + occam), float(np.sqrt(square / dof))
+
+
+def positive_part(matrix: Float) -> Float:
+    """Symmetric matrix without its negative part, in units of its own diagonal.
+
+    Parameters
+    ----------
+    matrix : ndarray, shape (n, n)
+
+    Returns
+    -------
+    ndarray, shape (n, n)
+    """
+    size = np.sqrt(np.abs(np.diag(matrix)))
+    size[size == 0] = 1.0
+    values, vectors = np.linalg.eigh(matrix / np.outer(size, size))
+    root = size[:, None] * vectors * np.sqrt(np.maximum(values, 0.0))
+    return np.asarray(root @ root.T)

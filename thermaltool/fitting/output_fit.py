@@ -294,6 +294,15 @@ def _huber_weights(residual: Float) -> Float | None:
     return np.minimum(1.0, HUBER_THRESHOLD * spread / np.maximum(np.abs(residual), 1e-300))
 
 
+def _within(covariance: Float, known: Float | None) -> Float:
+    """What of a covariance leaves sums of parameters as they are known, shape (f, f)."""
+    if known is None:
+        return covariance
+    sums = known[:, : len(covariance)]
+    free = np.eye(len(covariance)) - np.linalg.pinv(sums) @ sums
+    return np.asarray(free @ covariance @ free)
+
+
 def _described(
     search: StartSearch,
     theta: Float,
@@ -320,15 +329,10 @@ def _described(
     if len(problem.known):
         known = problem.known_jacobian(parametrization, theta, linear)
     covariance = block_covariance(*rows, problem.record, weights, prior, known)
-    # From logarithms to the parameters themselves.
-    factor = np.concatenate([np.exp(theta), np.ones(len(linear))])
-    covariance = covariance * np.outer(factor, factor)
-    weak = unidentified(names, np.exp(theta), np.sqrt(np.diag(covariance)))
     # From here on every drive has rates of its own, though they be the same.
     apart = parametrization.apart
     shared = np.concatenate(parametrization.parts(np.arange(len(theta))))
     keep = [*shared, *range(len(theta), fitted), *range(-problem.records, 0)]
-    covariance = covariance[np.ix_(keep, keep)]
     rates, p = theta[shared], len(shared) + gains
     if parametrization.common:
         jacobian = problem.jacobian(apart, rates, linear)
@@ -356,9 +360,12 @@ def _described(
         spread(problem.grid.rates, lags, duration, others, own),
         np.eye(fitted)[keep[:p]],
     )
-    # What wandered beside the drives the fit took in part for theirs.
-    factor = factor[keep]
-    covariance[:p, :p] += slack.taken_up * np.outer(factor[:p], factor[:p])
+    covariance[:fitted, :fitted] += _within(slack.confounded, known)
+    # From logarithms to the parameters themselves.
+    factor = np.concatenate([np.exp(theta), np.ones(len(linear))])
+    covariance = covariance * np.outer(factor, factor)
+    weak = unidentified(names, np.exp(theta), np.sqrt(np.diag(covariance)))
+    covariance = covariance[np.ix_(keep, keep)]
     beside = residual if instants is None else residual - instants.columns @ slack.instants
     return OutputFit(
         responses=responses,
