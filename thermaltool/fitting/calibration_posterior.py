@@ -72,7 +72,7 @@ class CalibrationPosterior:
         prior[:p] = (white / (PARAMETER_MOVES[1] * span)) ** 2
         without = np.delete(prior, slice(p, p + q))
         alone = inverse_of(bare, without)
-        tie = block_diag(1.0, fitted, np.eye(len(bare) - 1 - p))
+        tie = block_diag(np.ones((1, 1)), fitted, np.eye(len(bare) - 1 - p))
         tied = tie.T @ bare @ tie
         whole = inverse_of(tied, np.append(np.max(fitted.T * prior[:p], axis=1), without[p:]))
         errors = white * np.sqrt(np.maximum(np.diag(alone)[:p], 0.0)) / span
