@@ -162,7 +162,7 @@ def in_a_hall(seed):
 def test_what_wanders_leaves_open_what_its_parameters_take_up():
     """How much of a slow course is of the heat, and how much of the hall, no record tells well."""
     off, told = [], []
-    for seed in range(12):
+    for seed in range(8):
         plan = CalibrationPlan(
             ("Q_main_W",), (OUTPUT,), kinds={OUTPUT: "rational2"}, choose=True, linear=True
         )
