@@ -16,7 +16,6 @@ from thermaltool.control.methods import Method
 from thermaltool.control.prediction import ControlPrediction
 from thermaltool.control.set_drives import with_set_drives
 from thermaltool.control.trial import TRIAL_SAMPLES, ControlTrial, tried_step
-from thermaltool.documents import finite
 from thermaltool.errors import ModelError
 from thermaltool.model import MARGIN, Model
 from thermaltool.model.validity import thousandth
@@ -108,7 +107,7 @@ def design_controller(model: Model, plan: ControlPlan) -> ControlDesign:
     prediction = ControlPrediction(linear_estimator(model)[1], tuple(channels), outputs)
     if not prediction.disturbances:
         raise ModelError(f"nothing but {', '.join(channels)} drives the model: nothing to hold off")
-    period = finite(model.estimator_design().get("sample_period_s", model.sample_period))
+    period = model.design_period()
     horizon = plan.horizon or prediction.slowest()
     for name, length in (("horizon", horizon), ("lead", plan.lead), ("duration", plan.duration)):
         if length is not None and length < period:

@@ -17,6 +17,7 @@ from typing import Any, Literal
 
 import numpy as np
 
+from thermaltool.documents import above_zero
 from thermaltool.effects.band import ScheduleBand
 from thermaltool.effects.effect import Effect
 from thermaltool.errors import ModelError
@@ -232,6 +233,17 @@ class Model:
                 "run thermaltool regularize again"
             )
         return self.design
+
+    def design_period(self) -> float:
+        """Sample period of the estimator [s], which may not be that of the calibration.
+
+        Raises
+        ------
+        ModelError
+            No such number, or one of those of `estimator_design`.
+        """
+        design = self.estimator_design()
+        return above_zero(design.get("sample_period_s", self.sample_period))
 
     def simulate(self, record: Record) -> dict[str, Float]:
         """Outputs of every channel, relative to rest.

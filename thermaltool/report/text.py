@@ -209,10 +209,9 @@ def jump_messages(log: Log, outputs: Iterable[str], drives: Sequence[str]) -> It
 
 def period_messages(log: Log, model: Model) -> Iterator[str]:
     """Where a log has another sample period than its estimator was designed for."""
-    designed = (model.design or {}).get("sample_period_s")
-    if designed is None or len(log) < 3:
+    if len(log) < 3:
         return
-    period = log.period
+    period, designed = log.period, model.design_period()
     if max(period, designed) > OTHER_PERIOD * min(period, designed):
         yield (f"{log.name}: a row every {period:.3g} s, where the design is for {designed:.3g} s: "
                "it is carried over to this clock, and its errors are others (regularize --dt)"

@@ -12,7 +12,7 @@ from thermaltool.control.controller import HeaterController
 from thermaltool.control.heaters import Stabilizer, parts_of, powers
 from thermaltool.control.law_choice import linear_estimator
 from thermaltool.control.setpoint import Limits, Setpoint
-from thermaltool.documents import content_digest, finite
+from thermaltool.documents import content_digest
 from thermaltool.errors import ModelError
 from thermaltool.estimation.estimator import Estimator, KalmanEstimator
 from thermaltool.estimation.forms import linear_kalman
@@ -94,9 +94,8 @@ def offsets(
     ValueError
         Limits without a multiple of the step between them, or a safe setpoint outside.
     """
-    # The sample period is that of regularize --dt, which may not be that of the calibration.
     design = model.estimator_design()
-    period = _period(settings, finite(design.get("sample_period_s", model.sample_period)))
+    period = _period(settings, model.design_period())
     pipeline = EstimatorPipeline.of(model)
     estimator = pipeline.estimator
     deflections = {output.channel for output in model.deflections}
