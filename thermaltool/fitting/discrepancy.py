@@ -9,7 +9,8 @@ O'Hagan 2001).
 It is explained a second time beside a disturbance: a room that nobody logs warms a machine in a
 smooth course, of which the parameters take up a part. One log hardly shows whether the kind is
 wrong or the room's temperature changed. So the mean is that without the disturbance, and the
-covariance covers both, up to the largest disturbance that is as likely as any.
+covariance covers both: of what later data have to contradict up to the largest disturbance that is
+as likely as any, and of the parameters the likeliest one, where it is likelier than by chance.
 
 The noise is that of signals/drift.py, with the same factors; but weights and moves are integrated
 out beside it, which moves the maximum, and that is only looked for on a grid.
@@ -84,7 +85,8 @@ class Discrepancy:
         How early each switch between the rows most likely is, over its standard deviation.
     confounded : ndarray, shape (f, f)
         Covariance that the f parameters of the fit have beside that of the noise, without lags: of
-        a disturbance, and of what of it least squares took for the drives'. Offsets are left out.
+        the likeliest disturbance, and of what of it least squares took for the drives', as far as
+        noise alone does not make it likely. Offsets are left out.
     """
 
     mean: Float
@@ -212,6 +214,7 @@ def discrepancy(
     still = min((level for level in tried if not level.disturbance), key=attrgetter("value"))
     limit = min(level.value for level in tried) + AS_LIKELY
     as_likely = [level for level in tried if level.value <= limit]
+    likeliest = min((level for level in tried if level.disturbance), key=attrgetter("value"))
     disturbed = max(as_likely, key=lambda e: (e.disturbance * e.white, -e.value))
     linear = _linear_moves(own * span, still.white)
 
@@ -220,15 +223,16 @@ def discrepancy(
         sizes = (q, at.lags), (m, 1 / at.white), (w, at.disturbance)
         return CalibrationPosterior.of(gram, at.white, fitted, span, linear, sizes)
 
-    first, second = posterior(still), posterior(disturbed)
-    # Even where it is the likelier one: an error of shape passes for a disturbance.
-    share = min(0.5, 1 / (1 + np.exp(disturbed.value - still.value)))
+    first, second, third = (posterior(at) for at in (still, disturbed, likeliest))
+    share = _share(disturbed.value - still.value)
     shift = second.mean - first.mean
     covariance = (1 - share) * first.covariance
     covariance += share * (second.covariance + np.outer(shift, shift))
     # The fit itself stands at zero.
-    widened = positive_part(second.covariance_alone - first.covariance_alone)
-    confounded = share * (widened + np.outer(second.mean_alone, second.mean_alone))
+    widened = positive_part(third.covariance_alone - first.covariance_alone)
+    widened += np.outer(third.mean_alone, third.mean_alone)
+    # Noise alone makes so much of it likely.
+    confounded = _share(likeliest.value - still.value + AS_LIKELY) * widened
     unit = np.append(np.ones(p), level)
     lag_size = np.sqrt(
         (1 - share) * (still.white * still.lags) ** 2
@@ -272,6 +276,14 @@ def spread(
     here = own.reshape(-1, len(rates))
     differ = np.reshape(others, (len(others), *here.shape)) - here
     return np.asarray((differ @ steps.T @ inverse.T).reshape(len(others), len(here) * len(lags)))
+
+
+def _share(above: float) -> float:
+    """Of a disturbance, by its negative log likelihood above that of none.
+
+    One half at most even where it is the likelier one: an error of shape passes for a disturbance.
+    """
+    return float(min(0.5, 1 / (1 + np.exp(above))))
 
 
 def _bends(time: Float, members: Sequence[NDArray[np.bool_]]) -> Float:
