@@ -161,6 +161,15 @@ def test_what_decides(
     assert verdict_of({("d_y_um", 0): budget}, ()) == verdict
 
 
+@pytest.mark.parametrize(("total", "verdict"), [(1.2, "adequate"), (4.0, "cannot judge")])
+def test_a_calibration_that_is_far_off_is_no_measure_of_what_is_left(
+    total: float, verdict: str
+) -> None:
+    """Off by seven times the noise: where later logs leave more than noise it says nothing."""
+    budget = ResidualBudget(total, 1.2, 1.1, 1.0, 1.0, 7.0, 0.0, 50.0)
+    assert verdict_of({("d_y_um", 0): budget}, ()) == verdict
+
+
 def together(spread: float, kind: str | None, draw: int) -> Model:
     """Calibrated on a fan that went with the heater but for so much."""
     other = np.repeat(np.random.default_rng(6).uniform(-spread, spread, 60), 20)

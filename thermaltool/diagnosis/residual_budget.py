@@ -83,9 +83,9 @@ class ResidualBudget:
 
     @property
     def coarse(self) -> bool:
-        """Whether the calibration itself is too far off to judge anything by it."""
-        least = MAX_OVER_NOISE * self.white
-        return self.calibrated > least and self.total > least
+        """Whether what the model leaves is no noise, and its calibration no measure of it."""
+        noise = self.white**2 >= ADEQUATE_SHARE * self.total**2
+        return not noise and self.calibrated > MAX_OVER_NOISE * self.white
 
     @property
     def usual(self) -> bool:
