@@ -17,6 +17,7 @@ from thermaltool.control.prediction import ControlPrediction
 from thermaltool.errors import FitError
 from thermaltool.estimation.state_space import predicted_covariance, propagated
 from thermaltool.responses.modes import Float
+from thermaltool.signals.covariance_root import covariance_root
 from thermaltool.status import OK, OLD_PLAN, SATURATED
 
 # A regulator's gain varies slowly with the sample length: it is solved for on this relative grid.
@@ -234,8 +235,8 @@ class RegulatorLaw(_ClippedLaw):
         """Balanced states, each over the largest value that a step of an input brings it to."""
         starts = np.array([self.prediction.held(each) for each in np.diag(self._levels)]).T
         inputs, rows, none = np.hstack([B, starts]), self._output_rows(), np.zeros_like(A)
-        reached = _root(propagated(A, inputs @ inputs.T, none, 2**DOUBLINGS))
-        seen = _root(propagated(A.T, rows.T @ rows, none, 2**DOUBLINGS))
+        reached = covariance_root(propagated(A, inputs @ inputs.T, none, 2**DOUBLINGS))
+        seen = covariance_root(propagated(A.T, rows.T @ rows, none, 2**DOUBLINGS))
         U, hankel, _ = np.linalg.svd(seen.T @ reached)
         kept = hankel > SMALLEST_HANKEL * hankel[0]
         balanced = (U[:, kept] / np.sqrt(hankel[kept])).T @ seen.T
@@ -243,9 +244,3 @@ class RegulatorLaw(_ClippedLaw):
         steady = np.hstack([heated * self.bounds.maxima, settled @ starts])
         largest = np.max(np.abs(balanced @ steady), axis=1, keepdims=True)
         return np.asarray(balanced / largest)
-
-
-def _root(matrix: Float) -> Float:
-    """L with L Lᵀ = a positive semidefinite matrix."""
-    values, vectors = np.linalg.eigh((matrix + matrix.T) / 2)
-    return np.asarray(vectors * np.sqrt(np.maximum(values, 0.0)))

@@ -24,6 +24,7 @@ from thermaltool.estimation.permanent_effects import sensor_time_constants
 from thermaltool.estimation.start import Initial
 from thermaltool.model import Model, Output, Term
 from thermaltool.responses.modes import Float, Hold, Modes
+from thermaltool.signals.covariance_root import covariance_root
 
 # Of a standard deviation of the parameters so much is tried, and the difference scaled up: along
 # a direction that no log tells, a whole one leaves the parameters' range.
@@ -143,11 +144,7 @@ def deflection_variance(
         else none
         for drive, tau in known["lags"]
     ]  # fmt: skip
-    covariance = np.array(known["covariance"], float)
-    scale = np.sqrt(np.maximum(np.diag(covariance), 0.0))
-    scale[scale == 0] = 1.0
-    values, vectors = np.linalg.eigh(covariance / np.outer(scale, scale))
-    root = scale[:, None] * vectors * np.sqrt(np.maximum(values, 0.0))
+    root = covariance_root(known["covariance"])
     columns, variance = np.array([*own, *lags]), np.empty(len(time))
     for first in range(0, len(time), ROWS_TOGETHER):
         rows = slice(first, first + ROWS_TOGETHER)

@@ -31,11 +31,11 @@ from thermaltool.fitting.gaussian_columns import (
     beside,
     information_of,
     marginal,
-    positive_part,
 )
 from thermaltool.fitting.instants import Instants
 from thermaltool.record import Record
 from thermaltool.responses.modes import Float
+from thermaltool.signals.covariance_root import covariance_root
 from thermaltool.signals.detrend import difference_sigma, find_outliers
 from thermaltool.signals.row_groups import RowGroups
 
@@ -229,8 +229,8 @@ def discrepancy(
     covariance = (1 - share) * first.covariance
     covariance += share * (second.covariance + np.outer(shift, shift))
     # The fit itself stands at zero.
-    widened = positive_part(third.covariance_alone - first.covariance_alone)
-    widened += np.outer(third.mean_alone, third.mean_alone)
+    root = covariance_root(third.covariance_alone - first.covariance_alone)
+    widened = root @ root.T + np.outer(third.mean_alone, third.mean_alone)
     # Noise alone makes so much of it likely.
     confounded = _share(likeliest.value - still.value + AS_LIKELY) * widened
     unit = np.append(np.ones(p), level)

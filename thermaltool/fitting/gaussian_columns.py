@@ -113,21 +113,3 @@ def marginal(gram: Float, logdet: float, n: int, prior: Float) -> tuple[float, f
     occam += 2 * float(np.sum(np.log(height)))
     occam -= float(np.sum(np.log(prior[held])))
     return 0.5 * (dof * np.log(square / dof) + logdet + occam), float(np.sqrt(square / dof))
-
-
-def positive_part(matrix: Float) -> Float:
-    """Symmetric matrix without its negative part, in units of its own diagonal.
-
-    Parameters
-    ----------
-    matrix : ndarray, shape (n, n)
-
-    Returns
-    -------
-    ndarray, shape (n, n)
-    """
-    size = np.sqrt(np.abs(np.diag(matrix)))
-    size[size == 0] = 1.0
-    values, vectors = np.linalg.eigh(matrix / np.outer(size, size))
-    root = size[:, None] * vectors * np.sqrt(np.maximum(values, 0.0))
-    return np.asarray(root @ root.T)

@@ -16,6 +16,7 @@ from thermaltool.errors import ModelError
 from thermaltool.model.document import Model, Term
 from thermaltool.responses import Response
 from thermaltool.responses.losing import LosingHeat, before_loss
+from thermaltool.signals.covariance_root import covariance_root
 from thermaltool.signals.intervals import Estimate, log_normal_estimate, normal_estimate
 from thermaltool.units import parse_channel, per, printed
 
@@ -230,10 +231,7 @@ def deviations(term: Term, of: Callable[[Any], NDArray[Any]]) -> NDArray[Any]:
     empty = np.asarray(of(response))[..., None][..., :0]
     if term.covariance is None or not term.covariance_names:
         return empty
-    # Parameters that are not identified have variances of any size: an eigenvalue of rounding
-    # may be below zero.
-    values, vectors = np.linalg.eigh(np.asarray(term.covariance, float))
-    root = vectors * np.sqrt(np.maximum(values, 0.0))
+    root = covariance_root(term.covariance)
     slopes = [_slope(response, name, of) for name in term.covariance_names]
     return np.asarray(np.stack(slopes, axis=-1) @ root)
 

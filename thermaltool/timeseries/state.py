@@ -14,6 +14,7 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
+from thermaltool.signals.covariance_root import covariance_root
 from thermaltool.timeseries.lagged import lagged_gram
 from thermaltool.timeseries.polynomials import decayed_response
 
@@ -92,8 +93,7 @@ def root_of(covariance: Array) -> Array:
     try:
         return np.asarray(np.linalg.cholesky(covariance), dtype=float)
     except np.linalg.LinAlgError:
-        values, vectors = np.linalg.eigh(covariance)
-        return np.asarray(vectors * np.sqrt(np.maximum(values, 0.0)))
+        return covariance_root(covariance)
 
 
 def expected_gram(ar: Array, ma: Array) -> Array:
