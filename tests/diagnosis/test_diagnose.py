@@ -79,6 +79,22 @@ def test_heat_by_the_square_is_found_and_then_known(model: Model) -> None:
 
 
 @pytest.mark.slow
+@pytest.mark.parametrize("off", [0.0, 4.0])
+def test_a_limit_that_unseen_logs_do_not_reach_is_named(model: Model, off: float) -> None:
+    """They say nothing of it, though a slow draught moves them by so many times the noise."""
+    low = 0.5 * LEVELS
+    read = machine(low, 6)
+    for channel, noise in (("dT_pair1_K", 0.02), ("d_y_um", 0.1)):
+        read[channel] = read[channel] + off * noise * np.sin(2 * np.pi * TIME / TIME[-1])
+    unseen = Record(TIME, {"Q_main_1": low, **read}, digest="unseen")
+    found = diagnose(model, [log(np.minimum(LEVELS, 0.8), 5)], validate=[unseen])
+    cause = found.causes[0]
+    assert cause.effect.name == "actuator_saturation"
+    assert cause.effect.parameters["limit"] == pytest.approx(0.8, rel=0.01)
+    assert cause.explained > 0.9
+
+
+@pytest.mark.slow
 def test_an_accident_acts_in_its_own_log_alone(model: Model) -> None:
     clean = log(LEVELS, 4)
     jumped = {**clean.columns, "d_y_um": clean.columns["d_y_um"] + 2.0 * (TIME > 1500)}

@@ -75,6 +75,25 @@ def severity_of(model: Model, effect: Effect, logs: Sequence[Record]) -> dict[st
     return found
 
 
+def moves(model: Model, effect: Effect, log: Record, noise: Mapping[str, float]) -> bool:
+    """Whether a cause moves any output of a log by the noise of a reading at least.
+
+    A limit that no command reaches does not.
+
+    Parameters
+    ----------
+    model : Model
+        With all causes.
+    effect : Effect
+        One of them.
+    log : Record
+    noise : mapping of output to float [unit of the output]
+        Of a reading.
+    """
+    moved = severity_of(model, effect, [log])
+    return any(moved[o].largest >= noise[o] for o in moved.keys() & noise.keys())
+
+
 def fraction_removed(
     model: Model,
     effect: Effect,

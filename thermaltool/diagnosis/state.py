@@ -21,7 +21,7 @@ from thermaltool.diagnosis.long_logs import averaged_logs, rows_of
 from thermaltool.diagnosis.residual_budget import misfit_of
 from thermaltool.diagnosis.result import Alternative, Cause, Tried
 from thermaltool.diagnosis.select import Progress
-from thermaltool.diagnosis.severity import fraction_removed
+from thermaltool.diagnosis.severity import fraction_removed, moves
 from thermaltool.diagnosis.simulation import Mask, without
 from thermaltool.diagnosis.validate import AcceptedCause
 from thermaltool.diagnosis.written import cannot_run, rezeroed, spoiled_by
@@ -133,10 +133,12 @@ class DiagnosisTask:
         assumptions : frozenset of str
             Under which the search ended: whether the diagnosed logs begin at rest.
         """
-        unseen = effect.log is None and bool(self.validate)
-        logs = self.validate if unseen else self.logs
-        runs = [log for log in logs if cannot_run(model, log) is None]
-        from_rest = not STARTS & assumptions and not unseen
+        logs, unseen = (
+            [log for log in each if cannot_run(model, log) is None]
+            for each in (self.logs, () if effect.log else self.validate)
+        )
+        acting = [log for log in unseen if moves(model, effect, log, noise)]
+        runs, from_rest = acting or logs, not (STARTS & assumptions or acting)
         return fraction_removed(model, effect, runs, masked, noise, from_rest)
 
     def first(self) -> Hypothesis:
