@@ -273,9 +273,11 @@ def hint(name: str, known: Iterable[str]) -> str:
     Of the same channel in another unit, the line of a column map that turns it.
     """
     known = list(known)
-    for other in known:
-        if unit := _other_unit(name, other):
-            return f" (there is {other}; a {map_line(other, name, unit)})"
+    for other in in_another_unit(name, known):
+        wanted, there = parse_channel(name), parse_channel(other)
+        if wanted.dimension == there.dimension:
+            return f" (there is {other}; a {map_line(other, name, there.unit)})"
+        return f" (there is {other}, which is no {wanted.dimension})"
     near = get_close_matches(name, known, n=3, cutoff=0.6)
     if near:
         return f" (near: {', '.join(near)})"
@@ -295,11 +297,21 @@ def map_line(column: str, channel: str, unit: str) -> str:
     return f"line under [columns] of a map turns it: {line}"
 
 
-def _other_unit(name: str, other: str) -> str | None:
-    """Unit of a channel that is another one in all but its unit; None where it is not."""
-    try:
-        one, two = parse_channel(name), parse_channel(other)
-    except UnitError:
-        return None
-    same = (one.quantity, one.place, one.dimension) == (two.quantity, two.place, two.dimension)
-    return two.unit if same and one.unit != two.unit else None
+def in_another_unit(name: str, known: Iterable[str]) -> list[str]:
+    """The channels that are another one in all but the unit.
+
+    Parameters
+    ----------
+    name : str
+    known : iterable of str
+        Names that are no channels are none of them.
+    """
+    found = []
+    for other in known:
+        try:
+            one, two = parse_channel(name), parse_channel(other)
+        except UnitError:
+            continue
+        if (one.quantity, one.place) == (two.quantity, two.place) and one.unit != two.unit:
+            found.append(other)
+    return found

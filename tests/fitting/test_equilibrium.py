@@ -7,6 +7,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 from machines.shop import BASE, HEAD, HEAT, ROOM, shop_columns
+from scipy.linalg import expm
 
 from thermaltool.effects.channels import is_possible_gain
 from thermaltool.fitting.calibrate import calibrate
@@ -126,3 +127,63 @@ def test_kinds_that_come_as_near_widen_what_is_known():
 )
 def test_how_far_a_temperature_may_move_another(source, output, gain, is_possible):
     assert is_possible_gain(source, output, gain) is is_possible
+
+
+def water_cooled(seed):
+    """Eight bodies of a laser head: most of their heat goes into water at 24 °C, not logged.
+
+    Returns a log of the rim of its lens, and what it gains from the hall for good.
+    """
+    generator = np.random.default_rng([11, seed])
+    size = np.array([18.0, 45.0, 25.0, 80.0, 900.0, 2200.0, 1800.0, 4200.0, 350.0])  # J/K
+    links = ((0, 1, 0.09), (1, 6, 0.35), (2, 3, 0.12), (3, 6, 0.3), (3, 4, 0.15), (4, 5, 0.8),
+             (5, 6, 1.6), (5, 7, 0.7), (8, 5, 0.5), (8, 7, 0.3))  # fmt: skip
+    air = np.array([0.005, 0.01, 0.0, 0.01, 0.1, 0.25, 0.25, 0.6, 0.12])
+    water = np.array([0.0, 0.0, 0.0, 0.05, 0.5, 0.0, 0.9, 0.0, 0.0])
+    loss = np.diag(air + water)
+    for i, j, through in links:
+        loss[[i, j], [i, j]] += through
+        loss[[i, j], [j, i]] -= through
+    beam, coil = np.zeros(9), np.zeros(9)
+    beam[[0, 2, 4, 6]] = 0.0009, 0.0007, 0.0012, 0.0015
+    coil[8] = 1.0
+    time = 20.0 * np.arange(1400)
+
+    def duty(levels, shortest, longest, first):
+        values, at = np.zeros(len(time)), first
+        while at < len(time):
+            rows = int(generator.uniform(shortest, longest) / 20.0)
+            values[at : at + rows] = generator.choice(levels)
+            at += rows
+        return values
+
+    swing = np.sin(2 * np.pi * time / generator.uniform(20000.0, 40000.0))
+    swing = 1.3 * swing + 0.5 * np.sin(2 * np.pi * time / generator.uniform(2000.0, 3200.0))
+    walk = np.cumsum(generator.standard_normal(len(time))) * 0.02
+    drives = {
+        "Q_beam_W": duty([0.0, 0.0, 2000.0, 4000.0, 6000.0], 200.0, 2400.0, 20),
+        "Q_coil_W": duty([0.0, 2.0, 4.0, 6.0], 600.0, 4000.0, 35),
+        ROOM: 22.0 + np.minimum(time / 1200.0, 1.0) * (swing + walk - walk[0]),
+    }
+    inputs = np.column_stack([beam, coil, air, 24.0 * water])
+    heats = np.column_stack([*drives.values(), np.ones(len(time))])
+    whole = np.zeros((13, 13))
+    whole[:9, :9], whole[:9, 9:] = -loss / size[:, None], inputs / size[:, None]
+    kept = expm(20.0 * whole)
+    state, rim = np.linalg.solve(loss, inputs @ heats[0]), []
+    for row in heats:
+        rim.append(state[3])
+        state = kept[:9, :9] @ state + kept[:9, 9:] @ row
+    read = np.round(rim + 0.02 * generator.standard_normal(len(time)), 2)
+    return Record(time, {**drives, OUTPUT: read}, digest="log"), np.linalg.solve(loss, air)[3]
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("seed", [1, 2, 3])
+def test_water_that_nobody_logs_is_no_room_and_needs_no_slow_lag(seed):
+    log, truth = water_cooled(seed)
+    plan = CalibrationPlan(("Q_beam_W", "Q_coil_W", ROOM), (OUTPUT,), choose=True, linear=True)
+    model = calibrate([log], plan)
+    assert room_gain(model) == pytest.approx(truth, abs=0.1)
+    # The slowest time constant of the bodies is 73 min.
+    assert max(t.response.slowest() for t in model.terms) < 1.5 * 4400.0

@@ -21,7 +21,7 @@ from thermaltool.api.pauses import switches_in, with_switches
 from thermaltool.api.result import Notice, Result, notice, silent
 from thermaltool.documents import source_name, write_whole
 from thermaltool.errors import LogError, ModelError, counted
-from thermaltool.record import hint
+from thermaltool.record import hint, in_another_unit
 
 if TYPE_CHECKING:
     import pandas
@@ -275,9 +275,10 @@ def diagnose(
         for output in found.outputs:
             if output.channel not in log.columns and output.channel not in dead:
                 near = hint(output.channel, log.columns)
-                remarks.append(
-                    f"{log.name}: no column {output.channel}{near}: it is not judged there"
-                )
+                told = f"no column {output.channel}{near}"
+                if in_another_unit(output.channel, log.columns):
+                    raise LogError(told, log.name)
+                remarks.append(f"{log.name}: {told}: it is not judged there")
         remarks.extend(range_messages(log, found))
         warn_pauses(log, remarks.append, drives_over_pauses(drive.hold for drive in found.drives))
         return log

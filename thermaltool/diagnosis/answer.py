@@ -188,6 +188,7 @@ def answer(task: DiagnosisTask, first: Hypothesis, search: SearchState) -> Diagn
         curves_of(first, plain, last.with_model(fitted) if effects else None),
         tuple(log.digest for log in full.sound),
         rests is not None,
+        tuple(o.channel for o in task.model.outputs if o.judged and o.channel not in first.groups),
     )
 
 

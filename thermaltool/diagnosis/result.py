@@ -236,6 +236,8 @@ class Diagnosis:
         Digests of unseen logs that the model as it came fits: no cause acts there.
     rests : bool
         No output moves in the logs, so that they show nothing.
+    not_judged : tuple of str
+        Outputs of the model that no diagnosed log has.
     """
 
     verdict: Verdict
@@ -253,6 +255,7 @@ class Diagnosis:
     curves: tuple[tuple[str, Record], ...] = field(default=(), compare=False)
     sound: tuple[str, ...] = ()
     rests: bool = False
+    not_judged: tuple[str, ...] = ()
 
     @property
     def adequate(self) -> bool:
@@ -308,6 +311,7 @@ class Diagnosis:
             "spoiled": self.spoiled,
             "undecided": self.undecided,
             "rests": self.rests,
+            "not_judged": self.not_judged,
         }
         return DIAGNOSIS.wrap(jsonable(document))
 

@@ -68,8 +68,9 @@ KINDS = (
 SLAB_PARAMETERS = 5
 # What speaks against a gain of one to the surroundings: an error as large as the noise.
 MIN_AGAINST_EQUILIBRIUM = 1.0
-# A lag of the surroundings so many times the slowest of any heat is none of the same body.
-SLOWER_THAN_HEAT = 3.0
+# A lag of the surroundings so many times the slowest of any heat is none of the same body; and one
+# that is so many times the slowest where gains are free stands for surroundings that nobody logs.
+SLOWER_THAN_HEAT, SLOWER_THAN_FREE = 3.0, 2.0
 # A larger error on held-out blocks is sure from so many standard errors: not where one block, the
 # only one with a step in it, makes it.
 SURE = 2.0
@@ -134,7 +135,8 @@ def _never_settles(task: KindSearch, taken: KindCandidate) -> tuple[bool, bool]:
     """Whether another gain to the surroundings than one is beyond doubt, or as likely.
 
     Not all that warms and cools an output need be logged: a floor, a coolant, a wall. But a free
-    gain stands in for any small error of structure, too, and other logs pay for it. Where the
+    gain stands in for any small error of structure, too, and other logs pay for it: what is small
+    counts where only a lag that is much slower than any other makes the gain one. Where the
     surroundings are followed by a lag that no heat has, one is as likely as the other.
     """
     acting = [d for d, kind in enumerate(taken.kinds) if kind != LEFT_OUT]
@@ -155,11 +157,14 @@ def _never_settles(task: KindSearch, taken: KindCandidate) -> tuple[bool, bool]:
         if d not in around and not taken.common
     ]
     unseen = max(slowest[d] for d in around) > max(others, default=task.duration)
+    freely = max(response.slowest() for response in free.responses)
+    stretched = max(slowest) > SLOWER_THAN_FREE * freely
     if free.soundness.flaw:
-        return False, unseen
+        return False, unseen or stretched
     rows = free.independent
+    least = 0.0 if stretched else MIN_AGAINST_EQUILIBRIUM
     against = criterion(settled, rows) - criterion(free, rows) > DECISIVE and all(
-        free.data.counts(errors, others, MIN_AGAINST_EQUILIBRIUM)
+        free.data.counts(errors, others, least)
         for errors, others in (
             (settled.residual, free.residual),
             (settled.held_out, free.held_out),

@@ -76,7 +76,9 @@ def _zeros(model: Model) -> str:
 
 def _candidates(channel: str, candidates: Sequence[Mapping[str, Any]]) -> str:
     """What was compared for one output, and why one kind is taken."""
-    rows = [[f"{channel}: kinds compared", "parameters", "rmse", "held out", "criterion", ""]]
+    rows = [
+        [f"{channel}: kinds compared", "parameters", "rmse of means", "held out", "criterion", ""]
+    ]
     for each in candidates:
         rows.append(
             [

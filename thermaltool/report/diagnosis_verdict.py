@@ -97,6 +97,8 @@ def verdict_sentence(document: Document) -> str:
         line = f"The model cannot be judged by {names_of(document['logs'])}"
         if document["rests"]:
             return f"{line}."
+    if document["not_judged"]:
+        line += f", {listed(document['not_judged'])} not judged"
     if output is None or output not in document["residuals"]:
         return f"{line}."
     report, unit = document["residuals"][output], channel_unit(output)
