@@ -63,5 +63,14 @@ def test_a_dead_sensor_is_told_and_not_judged(log):
     found = tt.diagnose(fit, dead, nan_policy="omit", warn=said.append)
     assert any("T_a_degC: no values: it is not judged there" in line for line in said)
     assert list(found.document()["residuals"]) == ["d_z_um"]
+    assert found.document()["not_judged"] == ["T_a_degC"]
+    assert ", T_a_degC not judged" in str(found)
+    # In another unit it is there: a model that has not seen it says nothing good of it.
+    for one, other, why in (
+        ("T_a_degC", "T_a_um", "is no temperature"),
+        ("d_z_um", "d_z_mm", "of a map turns it"),
+    ):
+        with pytest.raises(tt.errors.LogError, match=f"no column {one} .*{other}.*{why}"):
+            tt.diagnose(fit, whole.rename(columns={one: other}))
     with pytest.raises(tt.errors.LogError, match="T_a_degC: no values: nothing to judge"):
         tt.diagnose(fit, dead.drop(columns="d_z_um"), nan_policy="omit")

@@ -422,7 +422,7 @@ def test_adequate():
     assert blind == "Not known: this log cannot show transport_delay."
     found = document(causes=0, verdict="adequate")
     found["tried"] = [{**each, "verdict": "evidence"} for each in found["tried"]]
-    assert "none stands (one with evidence alone" in summary(found)[1]
+    assert "none stands (second_source (T_bed_degC) has evidence of 552 alone" in summary(found)[1]
 
 
 def test_notes_are_told():

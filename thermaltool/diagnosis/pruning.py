@@ -105,7 +105,11 @@ def _of_no_accident(task: DiagnosisTask, search: SearchState) -> SearchState:
     again, is none of these.
     """
     while everyday := _everyday(task, search):
-        search = _dropped(search, everyday, "explains less than unseen logs are wrong by as well")
+        search = _dropped(
+            search,
+            everyday,
+            "is left out: the unseen logs, too, are wrong by more than it explains",
+        )
     return search
 
 

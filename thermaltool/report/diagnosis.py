@@ -258,8 +258,12 @@ def _no_cause(document: Document) -> Iterator[str]:
         # A cause in another channel is another cause, as among those that are ruled out.
         causes = {(each["name"], each["channel"]) for each in tried}
         adds = "is sure" if _suspected(document) else "adds anything"
-        if any(each["verdict"] == "evidence" for each in tried):
-            adds = "stands (one with evidence alone has none beside the start, or on unseen rows)"
+        alone = next((each for each in tried if each["verdict"] == "evidence"), None)
+        if alone is not None:
+            adds = (
+                f"stands ({called(alone['name'], alone['channel'])} has evidence of "
+                f"{number(alone['evidence'])} alone, and none beside the start or on unseen rows)"
+            )
         yield f"No effect found: {len(causes)} causes were tried and none {adds}."
 
 
