@@ -132,12 +132,15 @@ def _causes(document: Document) -> Section:
 def _severity(document: Document) -> Section:
     rows = [["cause", "output", "unit", "moves by up to", "RMS", "tolerance", "times"]]
     for cause in document["causes"]:
+        # Of an unknown one it is the RMS where that is worst.
+        worst = "" if cause["location"] is None else " RMS there"
         rows += [
             [
                 called(cause["name"], cause["channel"]),
                 output,
                 channel_unit(output),
-                *(number(each[key]) for key in ("largest", "rms", "tolerance", "times_tolerance")),
+                f"{number(each['largest'])}{worst}",
+                *(number(each[key]) for key in ("rms", "tolerance", "times_tolerance")),
             ]
             for output, each in cause["severity"].items()
         ]
