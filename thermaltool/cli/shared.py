@@ -60,7 +60,7 @@ nan_option: Decorator = click.option(
     "--nan-policy",
     type=click.Choice(["raise", "omit", "hold"]),
     default="raise",
-    help="What a missing value does: stop, leave the row out, or keep the last value.",
+    help="What a missing value where one is needed does: stop, leave the row out, keep the last.",
 )
 gap_option: Decorator = click.option(
     "--max-gap",
