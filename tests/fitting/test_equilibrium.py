@@ -178,8 +178,13 @@ def water_cooled(seed):
     return Record(time, {**drives, OUTPUT: read}, digest="log"), np.linalg.solve(loss, air)[3]
 
 
-@pytest.mark.slow
-@pytest.mark.parametrize("seed", [1, 2, 3])
+@pytest.mark.parametrize(
+    "seed",
+    [
+        pytest.param(seed, marks=pytest.mark.slow if seed == 1 else pytest.mark.study)
+        for seed in (1, 2, 3)
+    ],
+)
 def test_water_that_nobody_logs_is_no_room_and_needs_no_slow_lag(seed):
     log, truth = water_cooled(seed)
     plan = CalibrationPlan(("Q_beam_W", "Q_coil_W", ROOM), (OUTPUT,), choose=True, linear=True)
