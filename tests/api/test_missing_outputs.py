@@ -55,6 +55,7 @@ def test_without_a_policy_a_missing_value_is_refused(log, channel):
         tt.identify(whole, ["Q_main_W"], ["d_z_um"])
 
 
+@pytest.mark.slow
 def test_a_dead_sensor_is_told_and_not_judged(log):
     whole = log.interpolate()
     whole["T_a_degC"] = 21.0 + whole["d_z_um"] / 4

@@ -294,6 +294,7 @@ def test_the_table_is_there_where_no_model_file_can_be(thermaltool, tmp_path):
     assert not model.exists()
 
 
+@pytest.mark.slow
 def test_an_output_that_no_input_moves_is_told(thermaltool, tmp_path):
     columns = run_of([np.exp(-10 / 300)])
     columns["d_z_um"] = np.random.default_rng(3).standard_normal(1000)

@@ -64,6 +64,7 @@ def test_a_sound_log_does_not_speak_against_what_is_new(model):
     assert len(document["sound"]) == 1
 
 
+@pytest.mark.slow
 def test_a_log_in_which_a_cause_is_never_there_says_nothing_of_it(model):
     frame = machine(3)
     pump = effect_class("second_source")("U_pump_1", {"gain[d_z_um]": 5.0, "time_constant": 600.0})

@@ -209,6 +209,7 @@ def test_what_two_drives_share_is_left_open() -> None:
     assert "leaves open the response to Q_fan_1, which makes" in found.undecided[0]
 
 
+@pytest.mark.slow
 def test_a_drive_that_went_with_another_is_told_as_such(unparted: Model) -> None:
     (output,) = unparted.outputs
     assert [term.drive for term in unparted.terms] == ["Q_main_1"]

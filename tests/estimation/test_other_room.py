@@ -69,6 +69,7 @@ def test_a_soaked_machine_has_no_heat(design, colder, how):
     assert np.abs(moved).max() < 0.3
 
 
+@pytest.mark.slow
 def test_the_stream_begins_as_the_batch_does(design):
     frame = log(duty(5, 240), ROOM - 3 + day(240), seed=4).drop(columns=["Q_spindle_W", "d_z_um"])
     said = []

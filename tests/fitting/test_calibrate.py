@@ -261,6 +261,7 @@ def test_a_short_record_says_so():
     assert "slowest time constant" in sentences
 
 
+@pytest.mark.slow
 def test_a_record_of_less_than_three_time_constants_never_passes_for_settled():
     """600 s of 700 s: the fit may look certain of a steady state that it has not seen."""
     time = 2.0 * np.arange(300)

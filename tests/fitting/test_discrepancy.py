@@ -159,6 +159,7 @@ def in_a_hall(seed):
     return Record(log.time, log.columns | {OUTPUT: log.columns[OUTPUT] + y}, digest="log")
 
 
+@pytest.mark.slow
 def test_what_wanders_leaves_open_what_its_parameters_take_up():
     """How much of a slow course is of the heat, and how much of the hall, no record tells well."""
     off, told = [], []
@@ -191,6 +192,7 @@ def short_log(seed, rows=100):
     return Record(15.0 * np.arange(rows), {"Q_main_W": heat, OUTPUT: read}, digest="log")
 
 
+@pytest.mark.slow
 def test_a_short_log_of_noise_alone_has_its_own_intervals():
     """It cannot rule a disturbance out, and none is taken for granted."""
     off = []
