@@ -20,6 +20,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
+from functools import cache
 from operator import attrgetter
 from typing import Any
 
@@ -218,6 +219,8 @@ def discrepancy(
     disturbed = max(as_likely, key=lambda e: (e.disturbance * e.white, -e.value))
     linear = _linear_moves(own * span, still.white)
 
+    # Two or all of the three are often one.
+    @cache
     def posterior(at: _Level) -> CalibrationPosterior:
         gram = rows.T @ noise.factor(at.ratio, at.tau).solve(rows)
         sizes = (q, at.lags), (m, 1 / at.white), (w, at.disturbance)
