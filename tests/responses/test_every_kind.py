@@ -57,6 +57,22 @@ def test_transfer_is_the_laplace_transform_of_the_step(kind):
                 assert abs(s * integral - got) < 1e-9 * size(response)
 
 
+@pytest.mark.parametrize(
+    "kind",
+    [each for each in [*KINDS, *MORE_RATIONAL] if hasattr(response_class(each), "unit_steps")],
+)
+def test_unit_steps_are_steps_of_one_gain_each(kind):
+    cls, times = response_class(kind), np.geomspace(1.0, 1e6, 60)
+    for response in examples(kind):
+        searched = {name: getattr(response, name) for name in cls.searched}
+        steps, steady = cls.unit_steps(times, **searched, **cls.fixed)
+        for k, gain in enumerate(cls.gains):
+            alone = cls(**searched, **{other: float(other == gain) for other in cls.gains})
+            atol = 1e-13 * float(np.max(np.abs(steps[:, k])))
+            np.testing.assert_allclose(steps[:, k], alone.step(times), rtol=1e-12, atol=atol)
+            assert steady[k] == alone.dc_gain()
+
+
 @kinds
 def test_transfer_at_the_conjugate_is_the_conjugate_and_shapes_are_kept(kind):
     s = np.array([[0.01 + 0.2j, 0.3 - 1j, 2.0 + 0j]])

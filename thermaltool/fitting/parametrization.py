@@ -219,6 +219,8 @@ class Parametrization:
 def _unit_weights(cls: Any, values: tuple[tuple[str, float], ...], grid: RelaxationGrid) -> Float:
     """Grid weights of a kind of response, each gain set to one; shape (n, gains)."""
     known = dict(values)
+    if hasattr(cls, "unit_steps"):
+        return grid.weights_of(*cls.unit_steps(grid.times, **known))
     return np.column_stack(
         [
             grid.weights(cls(**known, **{other: float(other == gain) for other in cls.gains}))

@@ -77,6 +77,28 @@ class Deflection:
                 value = value + gain * t * np.exp(-rate * t)
         return value
 
+    @classmethod
+    def unit_steps(cls, t: Float, **searched: float) -> tuple[Float, Float]:
+        """`step` and `dc_gain` with each gain at one and the others at zero.
+
+        Parameters
+        ----------
+        t : ndarray, shape (m,) [s]
+            Zero or later.
+        **searched : float [1/s]
+            Rates by name.
+
+        Returns
+        -------
+        steps : ndarray, shape (m, gains)
+        steady : ndarray, shape (gains,)
+        """
+        at = t[:, None] * np.array([searched[name] for name in cls.searched])
+        pairs = t[:, None] * np.exp(-at[:, 2:])
+        steady = np.zeros(at.shape[1])
+        steady[:2] = 1.0
+        return np.column_stack([-np.expm1(-at[:, :2]), pairs]), steady
+
     def slowest(self) -> float:
         """Slowest time constant [s]."""
         return 1 / min(getattr(self, name) for name in self.searched)

@@ -124,6 +124,38 @@ class Rational:
             value = value + 2 * (residue / pole * np.expm1(pole * t)).real
         return np.asarray(value)
 
+    @classmethod
+    def unit_steps(cls, t: Float, **searched: float) -> tuple[Float, Float]:
+        """`step` and `dc_gain` with each gain at one and the others at zero; no delay.
+
+        Parameters
+        ----------
+        t : ndarray, shape (m,) [s]
+            Zero or later.
+        **searched : float
+            Time constants, rates and dampings by name.
+
+        Returns
+        -------
+        steps : ndarray, shape (m, gains)
+        steady : ndarray, shape (gains,)
+        """
+        columns, steady = [], []
+        for name in cls.searched:
+            if name.startswith("omega"):
+                w, zeta = searched[name], searched["zeta" + name[5:]]
+                pole = complex(-zeta * w, w * np.sqrt(1 - zeta**2))
+                course = np.expm1(pole * t) / (1j * pole.imag * pole)
+                columns += [(w**2 * course).real, (w * pole * course).real]
+                steady += [1.0, 0.0]
+        taus = [searched[name] for name in cls.searched if name.startswith("tau")]
+        columns += list(-np.expm1(-t / np.array(taus)[:, None]))
+        steady += [1.0] * len(taus)
+        if "K0" in cls.gains:
+            columns.append(np.ones(len(t)))
+            steady.append(1.0)
+        return np.column_stack(columns), np.array(steady)
+
     def slowest(self) -> float:
         """Slowest time constant [s]."""
         times = [tau for _, tau in self._lags()]

@@ -100,10 +100,19 @@ class RelaxationGrid:
         ----------
         response : Response
         """
-        dc_gain = response.dc_gain()
-        return np.asarray(
-            self._inverse @ np.append(response.step(self.times), STEADY_STATE_WEIGHT * dc_gain)
-        )
+        return self.weights_of(response.step(self.times), np.array(response.dc_gain()))
+
+    def weights_of(self, steps: Float, steady: Float) -> Float:
+        """`weights` of step responses that are known at `times`; shape (n, ...).
+
+        Parameters
+        ----------
+        steps : ndarray, shape (m, ...)
+        steady : ndarray, shape (...)
+            What they end at.
+        """
+        rows = np.concatenate([steps, STEADY_STATE_WEIGHT * steady[None]])
+        return np.asarray(self._inverse @ rows)
 
     def states(self, time: Float, u: Float, hold: Hold, cooling: Float | None = None) -> Float:
         """Responses of rate/(s + rate), for every rate, to one input from rest.
