@@ -6,12 +6,15 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from scipy.signal import lfilter
 
 from thermaltool.diagnosis.diagnose import diagnose
 from thermaltool.diagnosis.fit import CauseCandidate
 from thermaltool.diagnosis.select import Ranking
 from thermaltool.diagnosis.shortlist import plain_forms_first, shortlist
 from thermaltool.effects import effect_class
+from thermaltool.fitting.calibrate import calibrate
+from thermaltool.fitting.calibration_plan import CalibrationPlan
 from thermaltool.model import Drive, Model, Output, Term
 from thermaltool.record import Record
 from thermaltool.responses.rational import Rational1
@@ -130,3 +133,32 @@ def test_a_fan_is_told_with_the_temperatures_that_switch_it():
     told = found.causes[0].effect.parameters
     assert told["rate"] == pytest.approx(8e-5, rel=0.05)
     assert (told["on"], told["off"]) == pytest.approx((40.0, 36.0), abs=0.5)
+
+
+def heated(seed, sensor=0.0):
+    """A bed under a random duty, 21 degC of it around; its sensor answers so much later [s]."""
+    generator = np.random.default_rng(seed)
+    power = 100.0 * np.repeat(generator.integers(0, 2, 50), 30)
+    power[:30] = 0.0
+    seconds = np.repeat(power, 60)
+    bed = sum(
+        gain * lfilter([0.0, 1 - decay], [1.0, -decay], seconds)
+        for gain, decay in zip(
+            (0.2, 0.07, -0.03), np.exp(-1 / np.array([2400.0, 470.0, 150.0])), strict=True
+        )
+    )
+    decay = np.exp(-1 / sensor) if sensor else 0.0
+    read = 21.0 + lfilter([1 - decay], [1.0, -decay], bed)[::60]
+    read += 0.03 * generator.standard_normal(1500)
+    columns = {"Q_bed_W": power, "T_bed_degC": read}
+    return Record(60.0 * np.arange(1500), columns, digest=f"{seed}")
+
+
+@pytest.mark.slow
+def test_a_cause_between_two_trials_comes_before_a_changed_machine():
+    """Free parameters of the model explain more than the nearest trial, and less than a fit."""
+    kinds = {"T_bed_degC": "rational3"}
+    model = calibrate([heated(1)], CalibrationPlan(("Q_bed_W",), ["T_bed_degC"], [], kinds))
+    (cause,) = diagnose(model, [heated(2, 430.0)]).causes
+    assert cause.effect.name == "sensor_lag"
+    assert cause.effect.parameters["time_constant"] == pytest.approx(430.0, rel=0.01)

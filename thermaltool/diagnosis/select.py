@@ -181,6 +181,9 @@ def scan(
 ) -> list[CauseCandidate]:
     """Evidence of every trial of the catalogue, the strongest first.
 
+    Where a trial is judged best by other assumptions it is there by the present ones, too: a model
+    that is free to change explains more than any trial, but not than what a fit makes of it.
+
     Parameters
     ----------
     hypothesis : Hypothesis
@@ -206,14 +209,15 @@ def scan(
             if _promises(hypothesis, table, k, trial, s)
         ]
         if scored:
-            candidates.append(
-                max(
-                    scored,
-                    key=lambda c: (
-                        c.evidence - DECISIVE_EVIDENCE * (c.assumptions != hypothesis.assumptions)
-                    ),
-                )
+            best = max(
+                scored,
+                key=lambda c: (
+                    c.evidence - DECISIVE_EVIDENCE * (c.assumptions != hypothesis.assumptions)
+                ),
             )
+            candidates += [
+                c for c in scored if c is best or c.assumptions == hypothesis.assumptions
+            ]
     return sorted(candidates, key=lambda c: -c.evidence)
 
 
