@@ -9,6 +9,8 @@ import pytest
 
 from thermaltool.responses import modes
 from thermaltool.responses.modes import Modes
+from thermaltool.responses.sample_clock import clock_step
+from thermaltool.responses.uneven import uneven_clock
 
 RATES = np.array([0.002, 0.02, 0.4, 1.5])
 WEIGHTS = np.array([0.01, -0.03, 0.5, 0.2])
@@ -77,3 +79,23 @@ def test_a_long_record_takes_no_more_for_its_modes(monkeypatch: pytest.MonkeyPat
     tracemalloc.stop()
     # All modes in all rows would take 480 bytes a row for each of five arrays.
     assert peak < 400 * len(time)
+
+
+@pytest.mark.parametrize("kind", ["real", "complex"])
+@pytest.mark.parametrize("hold", ["zero", "first"])
+@pytest.mark.parametrize("pause", [0.0, 100.0, 1e5])
+def test_a_clock_that_comes_again_gives_the_same(kind, hold, pause):
+    """From the second time on sums of blocks, but for what decays too fast."""
+    generator = np.random.default_rng(11)
+    time = np.append(0.0, np.cumsum(generator.uniform(0.3, 4.0, 3000)))
+    time[1500:] += pause
+    made = response(kind)
+    for _ in range(3):
+        u = np.cumsum(generator.standard_normal(len(time)))
+        again = made.run(time, u, hold)
+        here = made._stepped(np.diff(time), clock_step(time), u, hold)
+        np.testing.assert_allclose(again, here, rtol=0, atol=1e-12 * np.max(np.abs(here)))
+    kept = uneven_clock(made.poles.tobytes(), np.diff(time).tobytes(), hold)
+    # After a long pause what is slow enough for a block.
+    assert sum(len(each.own) for each in kept.sums) >= (2 if pause < 1e5 else 0)
+    assert len(kept.fast) + sum(len(each.own) for each in kept.sums) == len(made.poles)

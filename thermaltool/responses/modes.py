@@ -20,6 +20,7 @@ from thermaltool.errors import ModelError
 from thermaltool.responses.propagation import propagate, propagate_double, recursion_of
 from thermaltool.responses.recursion import Float, Recursion
 from thermaltool.responses.sample_clock import clock_step
+from thermaltool.responses.uneven import MAX_KEPT, uneven_clock
 from thermaltool.units import Hold
 
 Complex = NDArray[np.complex128]
@@ -172,7 +173,25 @@ class Modes:
                 self._last.clear()
                 self._last[clock] = self.discretize(*clock)
             return self._last[clock].run(u[:, None])[0][:, 0]
-        return self._stepped(steps, step, u, hold)
+        if len(steps) * len(self.poles) > MAX_KEPT or np.any(self.double):
+            return self._stepped(steps, step, u, hold)
+        kept = uneven_clock(self.poles.tobytes(), steps.tobytes(), hold)
+
+        def coefficients() -> tuple[Any, Any, Any]:
+            phi, before, now, *_ = self._coefficients(steps, step, hold, slice(None))
+            return phi, before, now
+
+        if not kept.ready(-self.poles.real, steps, coefficients):
+            return self._stepped(steps, step, u, hold)
+        weights: Any = self.weights * np.where(self.poles.imag == 0, 1, 2)
+        if not np.any(self.poles.imag):
+            weights = weights.real
+        y = np.zeros(len(u))
+        for each in kept.sums or ():
+            y += each.run(weights, u)
+        if len(fast := kept.fast):
+            y += Modes(self.poles[fast], self.weights[fast])._stepped(steps, step, u, hold)
+        return y
 
     def at(self, time: Float, u: Float, hold: Hold, moments: Float) -> Float:
         """Response at any moments to any input at increasing times, from rest at the first.
