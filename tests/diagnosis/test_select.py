@@ -39,6 +39,15 @@ def test_a_cause_that_needs_no_change_of_the_model_is_fitted():
     assert all(each in found for each in free[:5])
 
 
+def test_a_trial_that_is_there_twice_takes_one_place():
+    names = ["sensor_gain", "sensor_drift", "sensor_offset_step", "sensor_conversion"]
+    names += ["sensor_self_heating", "radiation", "joint_contact", "backlash", "hysteresis"]
+    free = [candidate(name, 680.0 - k, FREED) for k, name in enumerate(names)]
+    twins = [candidate(name, 100.0 - k, PRESENT) for k, name in enumerate(names)]
+    found = shortlist([*free, *twins], {PRESENT: 0.0, FREED: 616.0})
+    assert found == [*twins[:3], *free[3:8]]
+
+
 def test_few_of_one_name_and_none_without_evidence():
     gains = [candidate("sensor_gain", 100.0 - k, PRESENT, f"dT_{k}_K") for k in range(4)]
     found = shortlist([*gains, candidate("sensor_lag", -11.0, PRESENT)], {PRESENT: 0.0})

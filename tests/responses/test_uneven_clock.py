@@ -10,7 +10,6 @@ import pytest
 from thermaltool.responses import modes
 from thermaltool.responses.modes import Modes
 from thermaltool.responses.sample_clock import clock_step
-from thermaltool.responses.uneven import uneven_clock
 
 RATES = np.array([0.002, 0.02, 0.4, 1.5])
 WEIGHTS = np.array([0.01, -0.03, 0.5, 0.2])
@@ -42,8 +41,10 @@ def step(kind: str, time: np.ndarray) -> np.ndarray:
 @pytest.mark.parametrize("kind", ["real", "double", "complex"])
 @pytest.mark.parametrize("most", [2**20, 1500, 1])
 def test_a_step_is_its_closed_form(kind: str, most: int, monkeypatch: pytest.MonkeyPatch) -> None:
-    """All modes at once, two at a time, and one by one."""
+    """In blocks of rows; two modes at a time, and one by one."""
     monkeypatch.setattr(modes, "MAX_STATES", most)
+    if most < 2**20:
+        monkeypatch.setattr(modes, "MAX_CLOCK_STATES", 0)
     lengths = np.random.default_rng(7).uniform(0.3, 4.0, 700).round(3)
     time = np.concatenate([[0.0], np.cumsum(lengths)])
     held, made = np.ones(len(time)), response(kind)
@@ -58,6 +59,7 @@ def test_a_step_is_its_closed_form(kind: str, most: int, monkeypatch: pytest.Mon
 def test_stretches_go_on_from_the_state(
     kind: str, hold: modes.Hold, monkeypatch: pytest.MonkeyPatch
 ) -> None:
+    monkeypatch.setattr(modes, "MAX_CLOCK_STATES", 0)
     rng = np.random.default_rng(8)
     time, u = np.cumsum(rng.uniform(0.3, 4.0, 700)), rng.standard_normal(700)
     made, late = response(kind), rng.uniform(time[0] - 5, time[-1] + 5, 900)
@@ -84,18 +86,27 @@ def test_a_long_record_takes_no_more_for_its_modes(monkeypatch: pytest.MonkeyPat
 @pytest.mark.parametrize("kind", ["real", "complex"])
 @pytest.mark.parametrize("hold", ["zero", "first"])
 @pytest.mark.parametrize("pause", [0.0, 100.0, 1e5])
-def test_a_clock_that_comes_again_gives_the_same(kind, hold, pause):
-    """From the second time on sums of blocks, but for what decays too fast."""
+@pytest.mark.parametrize("rows", [3, 8, 3000])
+def test_sums_of_blocks_are_steps_of_rows(kind, hold, pause, rows):
     generator = np.random.default_rng(11)
-    time = np.append(0.0, np.cumsum(generator.uniform(0.3, 4.0, 3000)))
-    time[1500:] += pause
-    made = response(kind)
-    for _ in range(3):
-        u = np.cumsum(generator.standard_normal(len(time)))
-        again = made.run(time, u, hold)
-        here = made._stepped(np.diff(time), clock_step(time), u, hold)
-        np.testing.assert_allclose(again, here, rtol=0, atol=1e-12 * np.max(np.abs(here)))
-    kept = uneven_clock(made.poles.tobytes(), np.diff(time).tobytes(), hold)
-    # After a long pause what is slow enough for a block.
-    assert sum(len(each.own) for each in kept.sums) >= (2 if pause < 1e5 else 0)
-    assert len(kept.fast) + sum(len(each.own) for each in kept.sums) == len(made.poles)
+    time = np.append(0.0, np.cumsum(generator.uniform(0.3, 4.0, rows - 1)))
+    time[rows // 2 :] += pause
+    u, made = np.cumsum(generator.standard_normal(rows)), response(kind)
+    steps = np.diff(time)
+    here = made._stepped(steps, clock_step(time), u, hold)
+    atol = 1e-12 * np.max(np.abs(here))
+    np.testing.assert_allclose(made.run(time, u, hold), here, rtol=0, atol=atol)
+    clock = modes._uneven_clock(made.poles.tobytes(), steps.tobytes(), clock_step(time), hold)
+    counted = sorted([*clock.fast, *(k for each in clock.sums for k in each.own)])
+    assert counted == list(range(len(made.poles)))
+    # With a pause of a day none is slow enough for a block.
+    assert bool(clock.sums) == (pause < 1e5)
+
+
+def test_a_row_that_is_no_clock_and_a_mode_that_keeps_what_it_gets():
+    made = Modes(np.array([0.0, -0.1], complex), np.ones(2, complex))
+    for _ in range(2):
+        assert made.run(np.zeros(1), np.ones(1), "zero") == [0.0]
+    time = np.array([0.0, 1.0, 3.0, 7.0, 8.0])
+    expected = time - np.expm1(-0.1 * time) / 0.1
+    np.testing.assert_allclose(made.run(time, np.ones(5), "zero"), expected, rtol=1e-12)

@@ -181,15 +181,15 @@ def scan(
 ) -> list[CauseCandidate]:
     """Evidence of every trial of the catalogue, the strongest first.
 
-    Where a trial is judged best by other assumptions it is there by the present ones, too: a model
-    that is free to change explains more than any trial, but not than what a fit makes of it.
+    Each trial by its best assumptions, which are the present ones unless others are decisively
+    better, and then by the present ones, too: a model that is free, or a start, may explain more
+    than any trial, and less than the fit beside one.
 
     Parameters
     ----------
     hypothesis : Hypothesis
     assumptions : sequence of frozenset of str
-        Each trial is judged by its best ones: the present ones, unless others are decisively
-        better.
+        The present ones among them.
     progress : callable
     """
     found = []

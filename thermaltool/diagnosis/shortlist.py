@@ -36,7 +36,9 @@ def shortlist(
     there = [c for c in candidates if c.evidence >= MIN_EVIDENCE]
     beyond = sorted(there, key=lambda c: alone[c.assumptions] - c.evidence)
     first = _of_each_form(beyond)[:MIN_BEYOND]
-    others = [c for c in _of_each_form(there) if not any(c is x for x in first)]
+    # A trial may be there twice, by two assumptions.
+    forms = [c.form for c in first]
+    others = [c for c in _of_each_form(there) if c.form not in forms]
     return [*first, *others[: MAX_FITTED - len(first)]]
 
 

@@ -67,15 +67,8 @@ class Deflection:
         t : ndarray, any shape [s]
         """
         t = np.maximum(np.asarray(t, float), 0.0)
-        value = np.zeros_like(t)
-        # A search asks for one gain at a time.
-        for gain, rate in ((self.A, self.a), (self.B, self.b)):
-            if gain:
-                value = value - gain * np.expm1(-rate * t)
-        for gain, rate in self._pairs():
-            if gain:
-                value = value + gain * t * np.exp(-rate * t)
-        return value
+        steps, _ = self.unit_steps(t.ravel(), **{n: getattr(self, n) for n in self.searched})
+        return (steps @ np.array([getattr(self, n) for n in self.gains])).reshape(t.shape)
 
     @classmethod
     def unit_steps(cls, t: Float, **searched: float) -> tuple[Float, Float]:

@@ -10,7 +10,7 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 from dataclasses import dataclass, field, replace
-from functools import cached_property
+from functools import cached_property, lru_cache
 from typing import Any, cast
 
 import numpy as np
@@ -20,7 +20,7 @@ from thermaltool.errors import ModelError
 from thermaltool.responses.propagation import propagate, propagate_double, recursion_of
 from thermaltool.responses.recursion import Float, Recursion
 from thermaltool.responses.sample_clock import clock_step
-from thermaltool.responses.uneven import MAX_KEPT, uneven_clock
+from thermaltool.responses.uneven import UnevenClock
 from thermaltool.units import Hold
 
 Complex = NDArray[np.complex128]
@@ -30,6 +30,8 @@ Range = tuple[float, float]
 MAX_STATES = 2**20
 # Rows that are stepped through at once on an uneven clock; a longer record goes on from the state.
 MAX_STRETCH = 2**17
+# States up to which what hangs on an uneven clock is kept (3 MB), and for how many clocks.
+MAX_CLOCK_STATES, MAX_CLOCKS = 2**17, 48
 
 
 @dataclass(frozen=True)
@@ -173,23 +175,17 @@ class Modes:
                 self._last.clear()
                 self._last[clock] = self.discretize(*clock)
             return self._last[clock].run(u[:, None])[0][:, 0]
-        if len(steps) * len(self.poles) > MAX_KEPT or np.any(self.double):
+        states = len(steps) * len(self.poles)
+        if states > MAX_CLOCK_STATES or len(steps) < 2 or np.any(self.double):
             return self._stepped(steps, step, u, hold)
-        kept = uneven_clock(self.poles.tobytes(), steps.tobytes(), hold)
-
-        def coefficients() -> tuple[Any, Any, Any]:
-            phi, before, now, *_ = self._coefficients(steps, step, hold, slice(None))
-            return phi, before, now
-
-        if not kept.ready(-self.poles.real, steps, coefficients):
-            return self._stepped(steps, step, u, hold)
+        uneven = _uneven_clock(self.poles.tobytes(), steps.tobytes(), step, hold)
         weights: Any = self.weights * np.where(self.poles.imag == 0, 1, 2)
         if not np.any(self.poles.imag):
             weights = weights.real
         y = np.zeros(len(u))
-        for each in kept.sums or ():
+        for each in uneven.sums:
             y += each.run(weights, u)
-        if len(fast := kept.fast):
+        if len(fast := uneven.fast):
             y += Modes(self.poles[fast], self.weights[fast])._stepped(steps, step, u, hold)
         return y
 
@@ -319,3 +315,12 @@ class Modes:
             np.array(lists.get("double", zero), float),
             direct=direct,
         )
+
+
+@lru_cache(maxsize=MAX_CLOCKS)
+def _uneven_clock(poles: bytes, steps: bytes, step: float, hold: Hold) -> UnevenClock:
+    """What an uneven clock makes of single poles: one log goes through many models."""
+    modes = Modes(np.frombuffer(poles, complex), np.ones(len(poles) // 16, complex))
+    lengths = np.frombuffer(steps)
+    phi, before, now, *_ = modes._coefficients(lengths, step, hold, slice(None))
+    return UnevenClock.of(-modes.poles.real, lengths, phi, before, now)

@@ -115,14 +115,9 @@ class Rational:
         """
         begun = np.asarray(t) >= 0
         t = np.maximum(np.asarray(t, float) - self.delay, 0.0)
-        value = self.direct * begun
-        for gain, tau in self._lags():
-            # A search asks for one gain at a time.
-            if gain:
-                value = value - gain * np.expm1(-t / tau)
-        for pole, residue in self._pairs():
-            value = value + 2 * (residue / pole * np.expm1(pole * t)).real
-        return np.asarray(value)
+        steps, _ = self.unit_steps(t.ravel(), **{n: getattr(self, n) for n in self.searched})
+        value = (steps @ np.array([getattr(self, n) for n in self.gains])).reshape(t.shape)
+        return np.asarray(value - self.direct * ~begun)
 
     @classmethod
     def unit_steps(cls, t: Float, **searched: float) -> tuple[Float, Float]:
