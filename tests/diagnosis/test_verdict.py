@@ -152,6 +152,8 @@ def test_something_slow_besides_is_no_short_calibration(model: Model) -> None:
         (1.2, 1.1, 7.0, 0.0, "cannot judge"),  # the calibration itself is no better
         (9.0, 8.0, 3.2, 3.0, "cannot judge"),  # and leaves nearly as much on any log
         (9.0, 8.0, 2.2, 2.0, "not adequate"),
+        (3.2, 3.0, 1.1, 0.0, "cannot judge"),  # most is explained, but a clean log has 1.4
+        (3.2, 3.0, 1.1, 1.0, "adequate"),  # ... unless the calibration itself is off
     ],
 )
 def test_what_decides(

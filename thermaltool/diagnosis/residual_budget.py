@@ -29,8 +29,9 @@ ADEQUATE_SHARE = 0.5
 # misfit that a diagnosis knows from the calibration this many times what it does not know counts.
 # Where it is lost in the noise nothing of it counts, from the second share of the noise on all.
 MAX_TIMES_CALIBRATED, MAX_DRIFTS, OVER_NOISE = 3.5, 2.0, (0.5, 2.0)
-# Below this fall of BIC nothing is worth more than a bare mention (Kass & Raftery 1995).
-MIN_EVIDENCE = 2.0
+# Below this fall of BIC nothing is worth more than a bare mention, from the second on it is strong
+# (Kass & Raftery 1995).
+MIN_EVIDENCE, STRONG_EVIDENCE = 2.0, 6.0
 # Output and number of a log.
 OutputInLog = tuple[str, int]
 # Power that stands for none [unit of the output, squared].
@@ -105,7 +106,13 @@ class ResidualBudget:
     @property
     def unsettled(self) -> bool:
         """Whether it is more than noise and what the calibration has shown."""
-        return min(self.allowed, self.accounted) < ADEQUATE_SHARE or self.coarse
+        largely = min(self.allowed, self.accounted) < ADEQUATE_SHARE
+        return largely or self.coarse or self.more_than_clean
+
+    @property
+    def more_than_clean(self) -> bool:
+        """Whether more is left than a clean log has, be it the smaller part of the residual."""
+        return not self.usual and self.evidence >= STRONG_EVIDENCE
 
     @property
     def severity(self) -> tuple[bool, bool, float, float]:
@@ -115,13 +122,18 @@ class ResidualBudget:
     @property
     def evidence(self) -> float:
         """Fall of BIC from what a clean log may have to what is there, of its independent rows."""
-        ratio = self.unexplained**2 / max(self.white**2 + self.floor**2, TINY)
+        ratio = self.unexplained**2 / max(self.clean**2, TINY)
         if ratio <= 1:
             return 0.0
         return self.rows * (ratio - 1 - float(np.log(ratio))) - float(np.log(max(self.rows, 1.0)))
 
+    @property
+    def clean(self) -> float:
+        """What a clean log has: noise and its floor."""
+        return float(np.hypot(self.white, self.floor))
+
     def _above(self, rms: float) -> float:
-        power = rms**2 - self.white**2 - self.floor**2
+        power = rms**2 - self.clean**2
         return float(np.clip(power / self.total**2, 0.0, 1.0)) if self.total else 0.0
 
 

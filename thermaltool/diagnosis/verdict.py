@@ -94,6 +94,11 @@ def undecided(
                 f"{each.calibrated / each.white:.0f} times the noise of a reading: calibrate with "
                 "another response, a further drive or a longer log"
             )
+        elif each.more_than_clean:
+            found.append(
+                f"{output}: {each.unexplained:.3g} {unit} RMS is left beside what the calibration "
+                f"leaves open, where a clean log has {each.clean:.2g} {unit}: diagnose another log"
+            )
     return tuple(found)
 
 
