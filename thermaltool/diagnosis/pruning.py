@@ -217,7 +217,8 @@ def _worse(log: Record, output: str) -> str:
 def _harmless(task: DiagnosisTask, search: SearchState) -> SearchState:
     """The search without causes by which some log loses more than slightly.
 
-    One that costs next to nothing is right, though what it makes is not to be written.
+    One that costs next to nothing, or little of what it gains, is right, though what it makes is
+    not to be written.
     """
     while (harmful := _harmful(task, search)) is not None:
         cause, why = harmful
@@ -226,18 +227,25 @@ def _harmless(task: DiagnosisTask, search: SearchState) -> SearchState:
 
 
 def _harmful(task: DiagnosisTask, search: SearchState) -> tuple[Cause, str] | None:
-    """The last cause that harms by the written model, and what it harms."""
+    """The last cause that harms by the written model, and what it harms.
+
+    Of several that together harm nothing one that lasts makes up for what another does there.
+    """
     written = search.written(task)
     acting = [cause for cause in search.causes if cause.effect in written.effects]
+    apart = len(acting) > 1 and search.harmed(task, written) is not None
     for cause in reversed(acting):
         harmed = search.harmed(task, written, without(written, cause.effect))
-        if harmed is not None and (len(acting) > 1 or _mostly_harms(task, search, cause, written)):
+        if harmed is None:
+            continue
+        accident = cause.effect.log is not None and len(acting) > 1
+        if apart or accident or _mostly_harms(task, search, cause, written):
             return cause, _worse(*harmed)
     return None
 
 
 def _mostly_harms(task: DiagnosisTask, search: SearchState, cause: Cause, written: Model) -> bool:
-    """Whether an only cause that lasts loses a practical part of what it gains.
+    """Whether a cause that lasts loses a practical part of what it gains.
 
     What happened in one log alone is told by that log: a frozen sensor has a zero of its own.
     """
