@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 from machines.stateful import levels
@@ -62,6 +64,8 @@ def test_what_bends_nothing_stands_for_another(model: Model) -> None:
     # It has taken all of that, or nothing.
     assert not stands_for_another(bends, before, None)
     assert stands_for_another(bends, before, before)
+    # Most of what is left is no curve any more.
+    assert not stands_for_another(bends, before, replace(before, explained=0.4))
     straight = nonlinearity(model, [logged(4, False)], READ)
     assert not stands_for_another(swings, straight, straight)
 

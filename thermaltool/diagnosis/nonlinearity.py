@@ -153,7 +153,7 @@ def stands_for_another(
         return False
     if not (effect.bends or effect.channel):
         return True
-    return nonlinear_power(after) > MAX_LEFT * nonlinear_power(before)
+    return is_bent(after) and nonlinear_power(after) > MAX_LEFT * nonlinear_power(before)
 
 
 def stand_ins(task: DiagnosisTask, search: SearchState) -> list[tuple[Cause, str]]:
