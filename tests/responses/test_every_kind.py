@@ -63,6 +63,7 @@ def test_transfer_is_the_laplace_transform_of_the_step(kind):
 )
 def test_unit_steps_are_steps_of_one_gain_each(kind):
     cls, times = response_class(kind), np.geomspace(1.0, 1e6, 60)
+    x, w = panels(np.concatenate([[0], np.geomspace(1e-7, 45, 60)]))
     for response in examples(kind):
         searched = {name: getattr(response, name) for name in cls.searched}
         steps, steady = cls.unit_steps(times, **searched, **cls.fixed)
@@ -71,6 +72,11 @@ def test_unit_steps_are_steps_of_one_gain_each(kind):
             atol = 1e-13 * float(np.max(np.abs(steps[:, k])))
             np.testing.assert_allclose(steps[:, k], alone.step(times), rtol=1e-12, atol=atol)
             assert steady[k] == alone.dc_gain()
+            # Of the transfer function, which does not come from the steps.
+            rate = 1.0 / response.slowest()
+            course = cls.unit_steps(x / rate, **searched, **cls.fixed)[0][:, k]
+            got = alone.transfer(np.array([rate]))[0]
+            assert abs(np.sum(w * course * np.exp(-x)) - got) < 1e-9 * np.max(np.abs(course))
 
 
 @kinds

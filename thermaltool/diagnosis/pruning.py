@@ -233,13 +233,14 @@ def _harmful(task: DiagnosisTask, search: SearchState) -> tuple[Cause, str] | No
     """
     written = search.written(task)
     acting = [cause for cause in search.causes if cause.effect in written.effects]
-    apart = len(acting) > 1 and search.harmed(task, written) is not None
     for cause in reversed(acting):
         harmed = search.harmed(task, written, without(written, cause.effect))
         if harmed is None:
             continue
-        accident = cause.effect.log is not None and len(acting) > 1
-        if apart or accident or _mostly_harms(task, search, cause, written):
+        strictly = len(acting) > 1 and (
+            cause.effect.log is not None or search.harmed(task, written) is not None
+        )
+        if strictly or _mostly_harms(task, search, cause, written):
             return cause, _worse(*harmed)
     return None
 

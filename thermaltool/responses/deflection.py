@@ -12,7 +12,7 @@ from typing import ClassVar
 import numpy as np
 
 from thermaltool.responses.modes import Complex, Float, Modes, Range
-from thermaltool.responses.parameters import check_parameters
+from thermaltool.responses.parameters import check_parameters, step_of
 
 
 @dataclass(frozen=True)
@@ -66,9 +66,7 @@ class Deflection:
         ----------
         t : ndarray, any shape [s]
         """
-        t = np.maximum(np.asarray(t, float), 0.0)
-        steps, _ = self.unit_steps(t.ravel(), **{n: getattr(self, n) for n in self.searched})
-        return (steps @ np.array([getattr(self, n) for n in self.gains])).reshape(t.shape)
+        return step_of(self, np.maximum(np.asarray(t, float), 0.0))
 
     @classmethod
     def unit_steps(cls, t: Float, **searched: float) -> tuple[Float, Float]:

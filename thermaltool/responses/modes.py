@@ -81,6 +81,12 @@ class Modes:
         """The same modes without direct feedthrough."""
         return replace(self, direct=0.0) if self.direct else self
 
+    @cached_property
+    def _output_weights(self) -> Any:
+        """Weights of the states in the output, of pairs for both; real where all poles are."""
+        weights: Any = self.weights * np.where(self.poles.imag == 0, 1, 2)
+        return weights if np.any(self.poles.imag) else weights.real
+
     def transfer(self, s: Complex) -> Complex:
         """H at complex frequencies.
 
@@ -179,12 +185,9 @@ class Modes:
         if states > MAX_CLOCK_STATES or len(steps) < 2 or np.any(self.double):
             return self._stepped(steps, step, u, hold)
         uneven = _uneven_clock(self.poles.tobytes(), steps.tobytes(), step, hold)
-        weights: Any = self.weights * np.where(self.poles.imag == 0, 1, 2)
-        if not np.any(self.poles.imag):
-            weights = weights.real
         y = np.zeros(len(u))
         for each in uneven.sums:
-            y += each.run(weights, u)
+            y += each.run(self._output_weights, u)
         if len(fast := uneven.fast):
             y += Modes(self.poles[fast], self.weights[fast])._stepped(steps, step, u, hold)
         return y
@@ -216,8 +219,7 @@ class Modes:
             phi, g0, g1, d0, d1 = self._coefficients(ahead[own], step, hold, some)
             first, second = first[:, row[own] - rows.start], second[:, row[own] - rows.start]
             passed = phi * first + g0 * before[own] + g1 * now[own]
-            weights = self.weights[some] * np.where(self.poles[some].imag == 0, 1, 2)
-            y[own] += (weights @ passed).real
+            y[own] += (self._output_weights[some] @ passed).real
             if np.any(self.double[some]):
                 second = phi.real * (second + ahead[own] * first.real)
                 y[own] += self.double[some] @ (second + d0 * before[own] + d1 * now[own])
@@ -227,9 +229,7 @@ class Modes:
         """One recursion for each mode, its coefficients anew at every row: any clock."""
         y = np.zeros(len(u))
         for rows, some, first, second in self._states(steps, step, u, hold):
-            weights = self.weights[some] * np.where(self.poles[some].imag == 0, 1, 2)
-            real = not np.iscomplexobj(first)
-            y[rows] += weights.real @ first if real else (weights @ first).real
+            y[rows] += (self._output_weights[some] @ first).real
             y[rows] += self.double[some] @ second
         return y
 

@@ -5,6 +5,9 @@ from __future__ import annotations
 from math import inf, isfinite
 from typing import Any
 
+import numpy as np
+from numpy.typing import NDArray
+
 from thermaltool.errors import ModelError
 
 
@@ -28,3 +31,20 @@ def check_parameters(response: Any, wanted: str) -> None:
     gains = {name: getattr(response, name) for name in response.gains}
     if not all(map(isfinite, gains.values())):
         raise ModelError(f"{response.kind} needs finite gains ({gains})")
+
+
+def step_of(response: Any, t: NDArray[np.float64]) -> NDArray[np.float64]:
+    """Unit-step response as the sum of what each gain adds, no delay; shape as `t`.
+
+    Parameters
+    ----------
+    response : Response
+        Of a kind with `unit_steps`.
+    t : ndarray, any shape [s]
+        Zero or later.
+    """
+    steps, _ = response.unit_steps(
+        t.ravel(), **{n: getattr(response, n) for n in response.searched}
+    )
+    gains = np.array([getattr(response, name) for name in response.gains])
+    return np.asarray((steps @ gains).reshape(t.shape))

@@ -19,7 +19,7 @@ import numpy as np
 from thermaltool.errors import ModelError
 from thermaltool.responses.delay import DelayedModes
 from thermaltool.responses.modes import Complex, Float, Modes, Range
-from thermaltool.responses.parameters import check_parameters
+from thermaltool.responses.parameters import check_parameters, step_of
 
 # Lags, oscillations and feedthrough of a kind, by its name.
 NAMES = re.compile(r"(?:rational(\d+)|oscillation(\d*)|oscillations(\d+)_(\d+))(_direct)?")
@@ -115,9 +115,7 @@ class Rational:
         """
         begun = np.asarray(t) >= 0
         t = np.maximum(np.asarray(t, float) - self.delay, 0.0)
-        steps, _ = self.unit_steps(t.ravel(), **{n: getattr(self, n) for n in self.searched})
-        value = (steps @ np.array([getattr(self, n) for n in self.gains])).reshape(t.shape)
-        return np.asarray(value - self.direct * ~begun)
+        return step_of(self, t) - self.direct * ~begun
 
     @classmethod
     def unit_steps(cls, t: Float, **searched: float) -> tuple[Float, Float]:
