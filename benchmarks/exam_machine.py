@@ -12,7 +12,7 @@ import json
 import os
 import time
 import traceback
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
 from tempfile import TemporaryDirectory
@@ -26,6 +26,7 @@ from machines.foreign import PLANTS
 from machines.foreign.hide import Exercise, calibration, clean_log, hide
 from machines.foreign.plant import Plant, Table, as_logged
 from scipy.stats import norm
+from told import Agreements, differences
 
 from thermaltool.cli import group as thermaltool
 from thermaltool.errors import ThermalToolError
@@ -223,9 +224,6 @@ def score(trial: Trial, known: Calibrated, validate: bool = True) -> Score:
     )
 
 
-Agreements = Mapping[str, Mapping[str, float]]
-
-
 def _simulated(known: Calibrated, model: Path, log: Path) -> Agreements:
     columns = known.folder / "simulated.csv"
     said = call("simulate", model, log, *known.options, "--json", "-o", columns)
@@ -294,17 +292,13 @@ def _told_off(
         ("calibrated_on", "calibration"),
     ):
         names |= {source["sha256"]: log for source in document.get(key, ())}
-    last = max((entry["step"] for entry in document["written"]), default=0)
-    worst = 0.0
-    for entry in document["written"]:
-        models = [before] * (entry["step"] == 0)
-        models += [after] * (entry["step"] == last and last > 0 and after is not None)
-        for model in models:
-            real = model[names[entry["log"]]][entry["output"]]
-            for key in ("rmse", "rmse_zero_free"):
-                if entry[key] is not None and real[key]:
-                    worst = max(worst, abs(entry[key] / real[key] - 1.0))
-    return worst
+
+    def of(models: Mapping[str, Agreements]) -> Callable[[str], Agreements]:
+        return lambda log: models[names[log]]
+
+    # Without a cause the file is the one that came.
+    found = differences(document["written"], of(before), None if after is None else of(after))
+    return max(found, default=0.0)
 
 
 def power_of_knowing_all(known: Calibrated, found: Exercise) -> float:

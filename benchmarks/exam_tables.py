@@ -9,13 +9,14 @@ from functools import partial
 import numpy as np
 from exam_scoring import INDISTINGUISHABLE, NEAR, SURE, WORSE_SHARE, Score
 from hidden_tables import REACHED, table_lines, wilson
+from told import MOST
 
 NONE = "none"
 # Power of the test that is told all below which a log does not show what is wrong.
 BLIND = 0.5
 # What is asked of every machine: first, in the group (shares), by size.
 ASKED = {5.0: (0.85, 0.95), 15.0: (0.95, 0.95)}
-MAX_SILENT, MAX_CLEAN, MIN_LOCATED, MAX_MISNAMED, MAX_TOLD_OFF = 0.03, 0.03, 0.8, 0.05, 0.01
+MAX_SILENT, MAX_CLEAN, MIN_LOCATED, MAX_MISNAMED = 0.03, 0.03, 0.8, 0.05
 
 _PAIRS = {
     frozenset({k.partition("/")[0], v}) for k, names in INDISTINGUISHABLE.items() for v in names
@@ -161,7 +162,7 @@ def _worse(s: Score) -> bool:
 
 
 def _differs(s: Score) -> bool:
-    return s.told_off >= MAX_TOLD_OFF
+    return s.told_off >= MOST
 
 
 _KNOWN: dict[str, Callable[[Score], bool]] = {

@@ -12,7 +12,9 @@ from typing import Literal
 import numpy as np
 from numpy.typing import NDArray
 from scipy.stats import norm
+from told import differences
 
+from thermaltool.api.simulation import simulate
 from thermaltool.diagnosis.correction import corrected, uncorrected
 from thermaltool.diagnosis.diagnose import diagnose
 from thermaltool.diagnosis.hypothesis import Hypothesis
@@ -23,6 +25,7 @@ from thermaltool.effects.effect import Effect, reference_of
 from thermaltool.fitting.calibrate import calibrate
 from thermaltool.fitting.calibration_plan import CalibrationPlan
 from thermaltool.model import Model, relative
+from thermaltool.model.model_file import dumps, loads
 from thermaltool.record import Record
 from thermaltool.units import is_displacement
 
@@ -94,6 +97,8 @@ class Score:
         Held-out RMS over that of a fit that was told the cause.
     power : float
         Of a test that is told all of the effect, see `power_of_knowing`; NaN but for one effect.
+    told_off : float
+        Largest relative difference of a told RMSE from that of `simulate` with the written file.
     seconds : float
         CPU time of the diagnosis.
     failure : str
@@ -111,6 +116,7 @@ class Score:
     error: float | None = None
     ratio: float | None = None
     power: float = float("nan")
+    told_off: float = float("nan")
     seconds: float = float("nan")
     failure: str = ""
 
@@ -153,7 +159,8 @@ def score(trial: Trial, model: Model | None = None, powers: bool = True) -> Scor
     seconds = time.process_time() - begin
     named = tuple((cause.effect.name, cause.effect.channel) for cause in answer.causes)
     alarm = bool(named) or not answer.adequate
-    plain = Score(trial, sizes, named, alarm, seconds=seconds, power=power)
+    off = told_off(answer, model, found)
+    plain = Score(trial, sizes, named, alarm, seconds=seconds, power=power, told_off=off)
     if not found.hidden:
         return plain
     truth = found.hidden[0]
@@ -170,6 +177,14 @@ def score(trial: Trial, model: Model | None = None, powers: bool = True) -> Scor
         error=parameter_error(truth, effect, found) if effect and at_place is not False else None,
         ratio=held_out_ratio(model, found) if trial.held_out else None,
     )
+
+
+def told_off(answer: Diagnosis, model: Model, found: HiddenLog) -> float:
+    """Largest relative difference of a told RMSE from that of `simulate` with the written file."""
+    log, written = signals(found.log), loads(dumps(answer.model))
+    before, after = (simulate(each, log, faults="keep").document() for each in (model, written))
+    rows = [row.document() for row in answer.written]
+    return max(differences(rows, lambda _: before, lambda _: after), default=0.0)
 
 
 def signals(table: Table, rows: slice = slice(None)) -> Record:

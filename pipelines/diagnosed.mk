@@ -7,6 +7,7 @@ SHELL := bash
 .PHONY: all
 
 THERMALTOOL ?= thermaltool
+PYTHON ?= python3
 DATA ?= ../shared/data
 OUT ?= demo/measured
 export OMP_NUM_THREADS ?= 1
@@ -18,13 +19,14 @@ SPINDLE := $(DATA)/cnc_spindle/spindle_first_28h.csv
 
 CASES := gantry gantry_before gantry_after gantry_header heating heating_half spindle_heat spindle_growth
 
-# MAP, LOGS and MORE are what diagnose gets, MODEL its model; TRAIN and PLAN make the model, with the
+# MAP, LOGS and MORE are what diagnose gets, MODEL its model, WRITTEN what it writes; TRAIN and PLAN make the model, with the
 # kinds of response that `calibrate` chooses.
 gantry.MAP := gantry
 gantry.TRAIN := $(MORNING)
 gantry.PLAN := --drive T_frame_degC --deflection d_z_um
 gantry.LOGS := $(MORNING)
-gantry.MORE := --validate $(EVENING) -o $(OUT)/gantry.extended.json
+gantry.MORE := --validate $(EVENING)
+gantry.WRITTEN := $(OUT)/gantry.extended.json
 
 # The evening run alone, by the model as calibrated in the morning and as extended then: in the JSON,
 # residuals.d_z_um.conditions, heating and cooling.
@@ -63,8 +65,12 @@ ifeq ($(wildcard $(DATA)/gantry $(DATA)/daisy),)
 all:
 	@echo "measured logs: left out, there is no $(DATA) here (they are not copied into the project)"
 else
-all: $(CASES:%=$(OUT)/%.md)
+all: $(CASES:%=$(OUT)/%.md) $(CASES:%=$(OUT)/%.told)
 	@for case in $(CASES); do echo; sed '/^$$/q' $(OUT)/$$case.md; done
+	@echo "What a report tells, beside simulate with the model as it came and as it was written:"
+	@echo
+	@sed -n 1,2p $(firstword $(CASES:%=$(OUT)/%.told)); sed 1,2d -s $(CASES:%=$(OUT)/%.told)
+	@echo
 	@echo "Whole reports, with figures, are in $(OUT)/*.md"
 endif
 
@@ -80,15 +86,21 @@ $(OUT)/heating_half.csv: $(PLATE) | $(OUT)
 
 define diagnosed
 $(1).MODEL ?= $(OUT)/$(1).calibrated.json
+$(1).WRITTEN ?= $(OUT)/$(1).written.json
 
 $(OUT)/$(1).calibrated.json: $($(1).TRAIN) | $(OUT)
 	$(THERMALTOOL) calibrate $$< --columns data_samples/maps/$($(1).MAP).toml $($(1).PLAN) -o $$@
 
 $(OUT)/$(1).md: $$($(1).MODEL) $($(1).LOGS)
+	@rm -f $$($(1).WRITTEN)
 	$(THERMALTOOL) diagnose $$^ --columns data_samples/maps/$($(1).MAP).toml $($(1).MORE) \
-	    --report $(OUT)/$(1).report.md > $(OUT)/$(1).json 2> $$@.part || case $$$$? in 3|4) ;; *) false ;; esac
+	    -o $$($(1).WRITTEN) --report $(OUT)/$(1).report.md > $(OUT)/$(1).json 2> $$@.part || case $$$$? in 3|4) ;; *) false ;; esac
 	@sed -n '/^The model/,$$$$p' $$@.part > $$@
 	@rm $$@.part
+
+$(OUT)/$(1).told: $(OUT)/$(1).md
+	@$(PYTHON) benchmarks/told.py $(OUT)/$(1).json --model $$($(1).MODEL) \
+	    --written $$($(1).WRITTEN) --columns data_samples/maps/$($(1).MAP).toml > $$@
 endef
 $(foreach case,$(CASES),$(eval $(call diagnosed,$(case))))
 

@@ -18,6 +18,7 @@ import exam_machine
 import exam_scoring as scoring
 import exam_tables as tables
 from machines.foreign import PLANTS
+from told import MOST, differences
 
 SEED = 20261122
 
@@ -54,7 +55,7 @@ def test_the_runner_scores_a_clean_and_a_troubled_log(scores):
     assert len(gain.agreed) == 6
     # So large a gain is seen, whatever it is called, and the report tells what is written.
     assert not gain.adequate
-    assert gain.told_off < 0.01
+    assert gain.told_off < MOST
     text = "\n".join(tables.tables(scores, exam.SIZES, SEED))
     assert f"Seed {SEED}, 2 logs of 1 machines" in text
 
@@ -116,6 +117,21 @@ def test_what_is_worse():
     assert replace(same, after=2.5).worse
     # Within the noise nothing counts.
     assert not replace(same, after_free=1.2, noise=5.0).worse
+
+
+def test_a_figure_that_simulate_does_not_have_is_seen():
+    def rows(*steps: int):
+        return [{"log": "a", "output": "d_x_um", "step": k, "rmse": 4.0 - k,
+                 "rmse_zero_free": None} for k in steps]  # fmt: skip
+
+    def runs(rmse: float):
+        return lambda log: {"d_x_um": {"rmse": rmse, "rmse_zero_free": 1.0}}
+
+    assert differences(rows(0, 1, 2), runs(4.0), runs(2.0)) == [0.0, 0.0]
+    assert max(differences(rows(0, 1), runs(4.0), runs(2.5))) == pytest.approx(0.2)
+    # Nothing was written; and what came is written as it came.
+    assert differences(rows(0, 1), runs(4.0), None) == [0.0]
+    assert len(differences(rows(0), runs(4.0), runs(4.0))) == 2
 
 
 def test_the_default_run_is_large_and_the_same_for_every_choice_of_plants():
