@@ -76,7 +76,9 @@ def test_two_sources_that_run_together_are_told_apart_by_their_sizes():
 # ---------------------------------------------------------------- heat that comes and goes
 
 
-def lit(on: float, off: float, watts: float, seed: int) -> Record:
+def lit(
+    on: float, off: float, watts: float, seed: int, reaches: tuple[float, float] = (1.0, 4.0)
+) -> Record:
     """A head with a motor and a lamp, each through a lag of its own, in two outputs."""
     time = 30.0 * np.arange(900)
     noise = np.random.default_rng([2812, seed]).standard_normal((2, len(time)))
@@ -84,8 +86,8 @@ def lit(on: float, off: float, watts: float, seed: int) -> Record:
     lamp = watts * follow(((time > on) & (time < off)).astype(float), 1500.0, 30.0)
     columns = {
         HEAT: heat,
-        T: 20.0 + 0.2 * follow(heat, 600.0, 30.0) + lamp + 0.03 * noise[0],
-        Z: 0.3 * follow(heat, 900.0, 30.0) + 4.0 * lamp + 0.1 * noise[1],
+        T: 20.0 + 0.2 * follow(heat, 600.0, 30.0) + reaches[0] * lamp + 0.03 * noise[0],
+        Z: 0.3 * follow(heat, 900.0, 30.0) + reaches[1] * lamp + 0.1 * noise[1],
     }
     return Record(time, columns, digest=f"lit {seed}")
 
@@ -112,6 +114,21 @@ def test_a_lamp_that_was_on_before_is_told_as_switched_off():
     (cause,) = found.causes
     assert cause.effect.name == "second_source"
     assert "switched off" in cause.action
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize(("reaches", "named"), [((1.0, 0.0), True), ((0.0, 4.0), False)])
+def test_a_lamp_may_reach_one_temperature_alone_and_no_displacement_alone(reaches, named):
+    plan = CalibrationPlan((HEAT,), (T,), (Z,))
+    lamp = lit(9000.0, 99999.0, 3.0, 4, reaches)
+    found = diagnose(calibrate([lit(0.0, 0.0, 0.0, 3)], plan), [lamp])
+    sources = [c.effect for c in found.causes if c.effect.name == "second_source"]
+    assert not found.adequate
+    assert bool(sources) is named
+    for source in sources:
+        assert source.parameters["start"] == pytest.approx(9000.0, abs=200.0)
+        assert source.parameters[f"gain[{T}]"] == pytest.approx(3.0, rel=0.1)
+        assert f"gain[{Z}]" not in source.parameters
 
 
 # ---------------------------------------------------------------- one output, many units

@@ -195,3 +195,29 @@ def test_no_accident_is_told_of_what_every_day_shows(furnace, seed):
 def test_an_accident_is_told_beside_a_sound_day(furnace):
     effects, _ = diagnosed(furnace, "sensor_offset_step", 30.0, 4)
     assert "sensor_offset_step" in {effect.name for effect in effects}
+
+
+def test_a_lasting_cause_denies_accidents_at_the_outputs_that_it_moves():
+    """A gain of one sensor is in all logs, and says nothing of a step of another."""
+    head = "T_head_degC"
+    both = replace(
+        MODEL,
+        outputs=(*MODEL.outputs, replace(MODEL.outputs[0], channel=head)),
+        terms=(*MODEL.terms, replace(MODEL.terms[0], output=head)),
+    )
+    logs = [read(name, 60.0, 1.1) for name in ("seen", "unseen")]
+    sound = read("head", 60.0, 1.0).columns[BED]
+    stepped = sound + 0.5 * (TIME >= 4000.0)
+    logs = [
+        replace(log, columns={**log.columns, head: own})
+        for log, own in zip(logs, (stepped, sound), strict=True)
+    ]
+    hypothesis = Hypothesis.of(both, logs[:1], both, WITHIN_CALIBRATION)
+    gain = effect_class("sensor_gain")(BED, {"gain": 1.1})
+    jumps = [replace(JUMP, channel=output, parameters={"step": 0.5, "time": 4000.0})
+             for output in (BED, head)]  # fmt: skip
+    lasting, at_bed, at_head = (
+        CauseCandidate(e, 50.0, 40.0, WITHIN_CALIBRATION, {}) for e in (gain, *jumps)
+    )
+    unseen = UnseenLogs(hypothesis, logs[1:], both)
+    assert unseen.borne_out([lasting, at_bed, at_head]) == [lasting, at_head]

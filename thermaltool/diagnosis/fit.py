@@ -149,10 +149,12 @@ def score(
     found = {n: float(v) for n, v in zip(amplitudes, result.amplitudes, strict=True)}
     effect = effect.changed({n: effect.parameter(n).neutral + v for n, v in found.items() if n})
     fall = 2 * gain - count * float(np.log(rows)) + 2 * float(np.log(effect.odds))
-    # Heat and air reach more than one place: what moves one output for sure is that output's.
+    # Heat and air reach more than one place: what moves one output for sure is mostly that output's.
     sure = [o for o in outputs if over[o] >= DECISIVE_EVIDENCE or o not in separate]
-    alone = effect.everywhere and len(sure) < 2 <= len(hypothesis.groups)
-    if alone or not effect.plausible(hypothesis.scene):
+    if len(sure) < 2 <= len(hypothesis.groups):
+        alone = effect.odds_alone(sure[0] if sure else None)
+        fall = fall + 2 * float(np.log(alone)) if alone else -np.inf
+    if not np.isfinite(fall) or not effect.plausible(hypothesis.scene):
         fall = gain = -np.inf
     return CauseCandidate(effect, fall, gain, assumptions, found)
 

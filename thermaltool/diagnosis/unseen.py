@@ -55,7 +55,8 @@ class UnseenLogs:
         """Candidates without the accidents that have less evidence in all logs than a lasting one.
 
         An accident may have happened again, as large, or may last since then: it counts what it
-        gains in every log, each time at an instant of its own.
+        gains in every log, each time at an instant of its own. A lasting cause counts by what it
+        gains at the outputs of the accident.
 
         Parameters
         ----------
@@ -71,12 +72,25 @@ class UnseenLogs:
             c.evidence + sum(_again(self._in(log, c.assumptions), c) for log in self.logs)
             for c in accidents
         ]
-        lasting = -np.inf
+        outputs = [
+            (_standing(seen[c.assumptions], c.effect, c.assumptions) or {}).keys()
+            for c in accidents
+        ]
+        left = list(range(len(accidents)))
         for c in candidates:
-            if c.effect.log is None and lasting <= max(worth):
-                lasting = max(lasting, fit_candidate(every[c.assumptions], c).evidence)
-        denied = [c for c, own in zip(accidents, worth, strict=True) if own < lasting]
-        return [c for c in candidates if not any(c is each for each in denied)]
+            if c.effect.log is not None or not left:
+                continue
+            fitted = fit_candidate(every[c.assumptions], c)
+            gains = _gains(every[c.assumptions], fitted) or {}
+            left = [
+                k
+                for k in left
+                if worth[k]
+                >= fitted.evidence
+                - sum(gain.gained for o, gain in gains.items() if o not in outputs[k])
+            ]
+        kept = [accidents[k] for k in left]
+        return [c for c in candidates if c.effect.log is None or any(c is each for each in kept)]
 
     def ranked(self, candidates: Sequence[CauseCandidate]) -> list[CauseCandidate]:
         """Candidates of which the lasting ones are in the order of what they explain of all logs.
@@ -197,7 +211,7 @@ def preferred_by_diagnosed(ranked: Sequence[CauseCandidate], found: Effect) -> s
 
 @dataclass(frozen=True)
 class UnseenGain:
-    """What a cause is worth in an unseen log, as it stands.
+    """What a cause is worth in a log, as it stands.
 
     Attributes
     ----------
@@ -211,19 +225,29 @@ class UnseenGain:
 
 def _unseen_gain(unseen: Hypothesis, candidate: CauseCandidate) -> UnseenGain | None:
     """What a cause is worth in an unseen log; None where it cannot be run over it."""
-    products = _standing(unseen, candidate.effect, candidate.assumptions)
+    gains = _gains(unseen, candidate)
+    if gains is None:
+        return None
+    own = gains.values()
+    return UnseenGain(sum(g.gained for g in own), sum(g.expected for g in own))
+
+
+def _gains(hypothesis: Hypothesis, candidate: CauseCandidate) -> dict[str, UnseenGain] | None:
+    """What a cause is worth at every output, as it stands; None where it cannot be run."""
+    products = _standing(hypothesis, candidate.effect, candidate.assumptions)
     if products is None:
         return None
-    gained = expected = 0.0
+    gains = {}
     for output, own in products.items():
-        independence, caused = unseen.evidence[output].independence, own.C[:, 0, 0]
+        independence, caused = hypothesis.evidence[output].independence, own.C[:, 0, 0]
         left = own.null.square - 2 * own.b[:, 0] + caused
         beside, without = (
             float(np.min(own.null.negative_log(square))) for square in (left, left + caused)
         )
-        gained += 2 * independence * (own.null.best - beside)
-        expected += 2 * independence * (without - beside)
-    return UnseenGain(gained, expected)
+        gains[output] = UnseenGain(
+            2 * independence * (own.null.best - beside), 2 * independence * (without - beside)
+        )
+    return gains
 
 
 def _standing(

@@ -39,9 +39,8 @@ class Conductivity(Effect):
     causal: ClassVar[bool] = True
     known: ClassVar = {"curvature": Parameter("1/{output}", linear=True)}
 
-    @property
-    def everywhere(self) -> bool:
-        return True
+    def odds_alone(self, output: str | None) -> float:
+        return 0.0
 
     def output(self, name: str, outputs: Outputs, record: Record, memory: Memory = None) -> Float:
         y = outputs[name]

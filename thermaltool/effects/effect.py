@@ -272,10 +272,15 @@ class Effect:
             return NOBODY_LOGGED
         return 0.2 if self.defect or self.side in ("sensor", "wiring") else 1.0
 
-    @property
-    def everywhere(self) -> bool:
-        """Whether it is no cause unless it reaches more than one output."""
-        return False
+    def odds_alone(self, output: str | None) -> float:
+        """How often it moves one output alone for sure, beside several; 0 where it never does.
+
+        Parameters
+        ----------
+        output : str or None
+            The one; None where it moves none for sure.
+        """
+        return 1.0
 
     @property
     def known_range(self) -> tuple[float, float] | None:

@@ -84,9 +84,8 @@ class JointContact(Effect):
         """An output that bends by itself looks at the value of the moment alone."""
         return not self.spreads
 
-    @property
-    def everywhere(self) -> bool:
-        return self.spreads
+    def odds_alone(self, output: str | None) -> float:
+        return 0.0 if self.spreads else 1.0
 
     @property
     def joins(self) -> bool:

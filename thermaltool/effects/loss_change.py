@@ -69,9 +69,8 @@ class LossChange(Effect):
             return None
         return replace(self, parameters={**self.parameters, "ratio": 1.0}, covariance=None)
 
-    @property
-    def everywhere(self) -> bool:
-        return True
+    def odds_alone(self, output: str | None) -> float:
+        return 0.0
 
     def plausible(self, scene: Scene) -> bool:
         # Modes mix as far as the loss changes: else they are gains of a drive or of sensors. In a

@@ -19,6 +19,8 @@ from thermaltool.units import is_temperature, parse_channel
 # A source that nobody logged is switched on after this share of a log at the earliest, and of its
 # own time constant: before, it is the state in which the machine was found.
 MIN_START, MIN_LATER = 0.01, 0.3
+# Odds of one that reaches one sensor alone for sure.
+ODDS_AT_ONE_PLACE = 1 / 150
 # Instants of a log between which one is tried that was on for a while, with lags by the model's
 # slowest.
 WINDOWS, WINDOW_LAGS = 8, (0.3, 1.0)
@@ -55,6 +57,13 @@ class SecondSource(HeatSource):
         "start": Parameter("s", low=0.0),
         "stop": Parameter("s", low=0.0),
     }
+
+    def odds_alone(self, output: str | None) -> float:
+        # What moves one reading is a sensor's, unless it comes on as heat does, and for good.
+        comes_on = not self.channel and "stop" not in self.parameters
+        if comes_on and output is not None and is_temperature(output):
+            return ODDS_AT_ONE_PLACE
+        return super().odds_alone(output)
 
     @property
     def action_unlogged(self) -> str:  # type: ignore[override]

@@ -35,9 +35,8 @@ class HeatSource(Effect, ABC):
     side: ClassVar[Side] = "source"
     causal: ClassVar[bool] = True
 
-    @property
-    def everywhere(self) -> bool:
-        return not self.channel
+    def odds_alone(self, output: str | None) -> float:
+        return 1.0 if self.channel else 0.0
 
     def needs(self) -> tuple[str, ...]:
         return (self.channel,) if self.channel else ()
