@@ -60,6 +60,8 @@ def action_of(
     form = effect.action if effect.channel else effect.action_unlogged or effect.action
     if effect.channel and is_temperature(effect.channel):
         form = effect.action_measured or form
+    if effect.partner is None:
+        form = effect.action_alone or form
     return form.format_map(values)
 
 

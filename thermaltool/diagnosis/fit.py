@@ -149,7 +149,7 @@ def score(
     found = {n: float(v) for n, v in zip(amplitudes, result.amplitudes, strict=True)}
     effect = effect.changed({n: effect.parameter(n).neutral + v for n, v in found.items() if n})
     fall = 2 * gain - count * float(np.log(rows)) + 2 * float(np.log(effect.odds))
-    # Heat and air reach more than one place: what moves one output for sure is mostly that output's.
+    # Heat and air reach more than one place: what moves one output is mostly that output's.
     sure = [o for o in outputs if over[o] >= DECISIVE_EVIDENCE or o not in separate]
     if len(sure) < 2 <= len(hypothesis.groups):
         alone = effect.odds_alone(sure[0] if sure else None)

@@ -1,4 +1,4 @@
-"""Noise that depends on an operating state: no misfit of a model, and a fault all the same."""
+"""Noise of an operating state, or beyond that of the calibration: no misfit, and yet a fault."""
 
 from __future__ import annotations
 
@@ -18,22 +18,31 @@ from thermaltool.diagnosis.simulation import Series
 from thermaltool.effects.effect import Float
 from thermaltool.effects.noise_state import NoiseState
 from thermaltool.record import Record
+from thermaltool.signals.resolution import reading_sigma
+from thermaltool.signals.row_groups import Index
 from thermaltool.units import is_displacement, is_temperature
 
 # A state is off below, and on above, these shares of its range; rows between say nothing.
 OFF, ON = 0.1, 0.4
 # Pairs of readings that are compared in each state, and by how much the noise has to differ.
 MIN_PAIRS, MIN_RATIO = 30, 1.5
+# ... and from that at the calibration: another filter in a logger changes it, too.
+MIN_SINCE = 4.0
 # No difference counts as smaller than this share of the usual one.
 LEAST_SHARE = 0.05
 # Mean and variance of the logarithm of |z|, z a standard normal variable.
 MEAN_LOG, VARIANCE_LOG = -0.6352, 1.2337
+TINY = float(np.finfo(float).tiny)
 
 
 @dataclass(frozen=True)
 class _Noise:
-    """Noise of a reading in two states, its largest deviation, and evidence that they differ."""
+    """Noise of a reading in two states, its largest deviation, and evidence that they differ.
 
+    `state` is what acts while it is loud; None where it was quiet at the calibration.
+    """
+
+    state: str | None
     quiet: float
     loud: float
     largest: float
@@ -41,10 +50,10 @@ class _Noise:
 
 
 def noisy_states(hypothesis: Hypothesis) -> list[Cause]:
-    """Outputs that are noisier while a drive or another logged state acts, the surest first.
+    """Outputs that are noisier while a logged state acts, or than at the calibration.
 
-    Differences of neighbouring readings are compared by their mean logarithm, so that single wrong
-    readings count little.
+    The surest first. Differences of neighbouring readings are compared by their mean logarithm, so
+    that single wrong readings count little.
 
     Parameters
     ----------
@@ -52,28 +61,31 @@ def noisy_states(hypothesis: Hypothesis) -> list[Cause]:
         With the named causes.
     """
     states = _states(hypothesis)
-    tests = max(len(states) * len(hypothesis.groups), 1)
+    price = 2 * float(np.log(max((len(states) + 1) * len(hypothesis.groups), 1)))
     switched = [after_a_switch(hypothesis.model, log) for log in hypothesis.logs]
     found = []
     for output in hypothesis.groups:
         residual = hypothesis.unexplained(output)
-        tried = [(state, _compared(hypothesis, residual, switched, state)) for state in states]
-        known = [(state, each) for state, each in tried if each is not None]
-        if not known:
-            continue
-        state, best = max(known, key=lambda one: one[1].evidence)
-        evidence = best.evidence - 2 * float(np.log(tests))
+        tried = [_compared(hypothesis, residual, switched, state) for state in states]
+        tried.append(_since_calibration(hypothesis, output, residual, switched))
         # Readings on a coarse lattice scatter where they move, and not at all where they rest; what
         # is left of a frozen sensor is rounding.
         logs = _logs(hypothesis, output)
         steps = [reading_step(log, output) for log in logs]
         rounding = [np.spacing(np.nanmax(np.abs(log.columns[output]))) for log in logs]
-        if evidence < DECISIVE_EVIDENCE or best.loud < max(*steps, *rounding):
-            continue
-        if best.loud > MIN_RATIO * best.quiet:
-            effect = NoiseState(output, {"quiet": best.quiet, "loud": best.loud}, partner=state)
+        least = max(*steps, *rounding)
+        sure = [
+            each
+            for each in tried
+            if each and each.evidence - price >= DECISIVE_EVIDENCE and each.loud >= least
+        ]
+        if sure:
+            # A state that it follows says more.
+            best = max(sure, key=lambda each: (each.state is not None, each.evidence))
+            sizes = {"quiet": best.quiet, "loud": best.loud}
+            effect = NoiseState(output, sizes, partner=best.state)
             severity = {output: Severity(best.largest, best.loud)}
-            found.append(Cause(effect, evidence, {}, {}, 0.0, severity=severity))
+            found.append(Cause(effect, best.evidence - price, {}, {}, 0.0, severity=severity))
     return sorted(found, key=lambda cause: -cause.evidence)
 
 
@@ -111,22 +123,67 @@ def _compared(
         if state not in log.columns:
             continue
         share = (np.abs(log.columns[state]) - low) / span
-        still = np.isfinite(residual) & np.isfinite(share)
-        still &= ~jumps
-        # Pairs that share no reading are independent.
-        pairs = np.arange(0, len(residual) - 1, 2)
-        pairs = pairs[still[pairs] & still[pairs + 1]]
-        off = np.abs(residual[pairs + 1] - residual[pairs]) / np.sqrt(2 / log.row_readings)
+        pairs, off = _differences(log, residual, jumps | ~np.isfinite(share))
         for on in (False, True):
             in_state = share > ON if on else share < OFF
             apart[on].append(off[in_state[pairs] & in_state[pairs + 1]])
     quiet, loud = (np.concatenate(apart[on]) for on in (False, True))
     if min(len(quiet), len(loud)) < MIN_PAIRS:
         return None
-    # Readings that happen to agree say as little as those that stand out.
-    least = max(LEAST_SHARE * float(np.median(np.concatenate([quiet, loud]))), np.finfo(float).tiny)
-    means = [float(np.mean(np.log(np.maximum(each, least)))) for each in (quiet, loud)]
+    both = np.concatenate([quiet, loud])
+    one, other = (_mean_log(each, both) for each in (quiet, loud))
+    if other <= one + np.log(MIN_RATIO):
+        return None
     variance = VARIANCE_LOG * (1 / len(quiet) + 1 / len(loud))
-    evidence = (means[1] - means[0]) ** 2 / variance - float(np.log(len(quiet) + len(loud)))
-    one, other = (float(np.exp(mean - MEAN_LOG)) for mean in means)
-    return _Noise(one, other, float(np.max(loud)), evidence)
+    evidence = (other - one) ** 2 / variance - float(np.log(len(both)))
+    return _Noise(state, float(np.exp(one)), float(np.exp(other)), float(np.max(loud)), evidence)
+
+
+def _since_calibration(
+    hypothesis: Hypothesis,
+    output: str,
+    residuals: Series,
+    switched: Sequence[NDArray[np.bool_]],
+) -> _Noise | None:
+    """The noise of a residual beside that of the readings of the calibration; None where it is not
+    known, or much the same."""
+    model = hypothesis.model
+    quiet = next(o.fit for o in model.outputs if o.channel == output).get("noise", 0.0)
+    off, readings, finer = [], [], 1.0
+    for log, residual, jumps in zip(hypothesis.logs, residuals, switched, strict=True):
+        if output in log.columns:
+            off.append(_differences(log, residual, jumps)[1])
+            rows = log.columns[output]
+            readings.append(reading_sigma(rows) * float(np.sqrt(log.row_readings)))
+            finer = max(finer, model.sample_period / log.period)
+    loud = np.concatenate(off) if off else np.array([])
+    if len(loud) < MIN_PAIRS or not quiet:
+        return None
+    # A misfit that jumps is in the residual, heat that comes fast in the readings.
+    mean = min(_mean_log(loud, loud), float(np.log(max(max(readings), TINY))))
+    # Readings that are taken more often may be means of fewer.
+    over = mean - float(np.log(quiet))
+    if over <= np.log(MIN_SINCE * np.sqrt(finer)):
+        return None
+    evidence = over**2 / (VARIANCE_LOG / len(loud)) - float(np.log(len(loud)))
+    return _Noise(None, quiet, float(np.exp(mean)), float(np.max(loud)), evidence)
+
+
+def _differences(log: Record, residual: Float, left_out: NDArray[np.bool_]) -> tuple[Index, Float]:
+    """Pairs of neighbours that share no reading, and by how much they differ, as noise of one.
+
+    The first row of each, and the size.
+    """
+    still = np.isfinite(residual) & ~left_out
+    pairs = np.arange(0, len(residual) - 1, 2)
+    pairs = pairs[still[pairs] & still[pairs + 1]]
+    return pairs, np.abs(residual[pairs + 1] - residual[pairs]) / np.sqrt(2 / log.row_readings)
+
+
+def _mean_log(sizes: Float, usual: Float) -> float:
+    """Logarithm of a standard deviation by the mean one of `sizes`.
+
+    Readings that happen to agree say as little as those that stand out.
+    """
+    least = max(LEAST_SHARE * float(np.median(usual)), TINY)
+    return float(np.mean(np.log(np.maximum(sizes, least)))) - MEAN_LOG

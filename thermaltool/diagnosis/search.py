@@ -52,6 +52,8 @@ BEGINS_AS_A_WHOLE = (
     "a log does not begin at rest: the machine as a whole is warmer or colder than its "
     "surroundings, and follows them"
 )
+# A search before its model was free to change, and what it found then.
+Held = tuple[SearchState, Hypothesis, Ranking]
 
 
 def searched(task: DiagnosisTask, start: SearchState) -> tuple[DiagnosisTask, SearchState]:
@@ -129,6 +131,7 @@ def _step(task: DiagnosisTask, search: SearchState) -> SearchState:
     """One more cause, or the end of the search."""
     hypothesis = search.hypothesis
     blind = {p for each in search.unseen for p in zip(each.names, each.channels, strict=True)}
+    held: Held | None = None
     while True:
         ranking = ranked(hypothesis, blind, task.progress)
         # Of the last assumptions before the first cause: what a start says is none's evidence.
@@ -141,17 +144,7 @@ def _step(task: DiagnosisTask, search: SearchState) -> SearchState:
         of_logs: list[CauseCandidate] = []
         refused: list[CauseCandidate] = []
         if better is None:
-            strong = ranking.strong(0.0 if "white" in hypothesis.assumptions else DECISIVE_EVIDENCE)
-            if search.causes:
-                strong = [
-                    c for c in strong
-                    if c.effect.log is None or ranking.beyond(c) > MIN_FURTHER_ACCIDENT
-                ]  # fmt: skip
-            if task.validate:
-                task.progress("unseen logs")
-            unseen = UnseenLogs(hypothesis, task.validate, task.model)
-            of_logs = unseen.borne_out(strong)
-            strong = unseen.ranked(of_logs)
+            of_logs, strong = _strong(task, search, hypothesis, ranking)
             refused = [c for c in of_logs if not any(c is each for each in strong)]
             # A start explains more than causes that do not stand: it comes before weaker causes
             # than the strongest, and before any unknown; but for the one that explains the most
@@ -170,6 +163,7 @@ def _step(task: DiagnosisTask, search: SearchState) -> SearchState:
             suspects = [c for c in ranking.strong(0.0) if not any(c is each for each in refused)]
             found = _confirmed_unseen(task, search, hypothesis, ranking, suspects)
             found = found or _too_short(task, search, hypothesis)
+            found = found or _of_held_model(task, search, hypothesis, held)
             return found or replace(
                 search,
                 ended=hypothesis,
@@ -177,10 +171,45 @@ def _step(task: DiagnosisTask, search: SearchState) -> SearchState:
                 suspects=tuple(ranking.strong(0.0)),
                 exhausted=True,
             )
+        before = search, hypothesis, ranking
         search, changed = _own_change(task, search, hypothesis, better)
         if changed is None:
             return search
+        if _is_freed(hypothesis, changed):
+            held = before
         hypothesis = changed
+
+
+def _strong(
+    task: DiagnosisTask, search: SearchState, hypothesis: Hypothesis, ranking: Ranking
+) -> tuple[list[CauseCandidate], list[CauseCandidate]]:
+    """Candidates with decisive evidence that all logs bear out, and their order by all logs."""
+    strong = ranking.strong(0.0 if "white" in hypothesis.assumptions else DECISIVE_EVIDENCE)
+    if search.causes:
+        strong = [
+            c for c in strong
+            if c.effect.log is None or ranking.beyond(c) > MIN_FURTHER_ACCIDENT
+        ]  # fmt: skip
+    if task.validate:
+        task.progress("unseen logs")
+    unseen = UnseenLogs(hypothesis, task.validate, task.model)
+    of_logs = unseen.borne_out(strong)
+    return of_logs, unseen.ranked(of_logs)
+
+
+def _of_held_model(
+    task: DiagnosisTask, search: SearchState, freed: Hypothesis, held: Held | None
+) -> SearchState | None:
+    """The search with a first cause beside the model as calibrated, where a free one is no help.
+
+    None where the free model leaves noise, and where no cause stands.
+    """
+    if held is None or search.causes:
+        return None
+    if rest_of(task, search.hypothesis, replace(search, ended=freed)) is None:
+        return None
+    _, strong = _strong(task, *held)
+    return _confirmed(task, *held, strong)
 
 
 def _confirmed(

@@ -32,6 +32,8 @@ from thermaltool.record import Record
 MIN_IN_ALL = 40.0
 # An unseen log should show a lasting cause that would gain so much in it, were it true.
 MIN_EXPECTED = 2 * DECISIVE_EVIDENCE
+# Evidence of an accident beside a lasting cause that does not explain it, no places counted.
+MIN_BESIDE = 2 * DECISIVE_EVIDENCE
 
 
 @dataclass(frozen=True)
@@ -52,11 +54,11 @@ class UnseenLogs:
     calibrated: Model
 
     def borne_out(self, candidates: Sequence[CauseCandidate]) -> list[CauseCandidate]:
-        """Candidates without the accidents that have less evidence in all logs than a lasting one.
+        """Candidates without the accidents that a lasting one explains.
 
-        An accident may have happened again, as large, or may last since then: it counts what it
-        gains in every log, each time at an instant of its own. A lasting cause counts by what it
-        gains at the outputs of the accident.
+        Beside it they have no evidence, and in all logs it has more than they. An accident may have
+        happened again, as large, or may last since then: it counts what it gains in every log, each
+        time at an instant of its own.
 
         Parameters
         ----------
@@ -72,24 +74,18 @@ class UnseenLogs:
             c.evidence + sum(_again(self._in(log, c.assumptions), c) for log in self.logs)
             for c in accidents
         ]
-        outputs = [
-            (_standing(seen[c.assumptions], c.effect, c.assumptions) or {}).keys()
-            for c in accidents
-        ]
-        left = list(range(len(accidents)))
+        left = list(zip(accidents, worth, strict=True))
         for c in candidates:
             if c.effect.log is not None or not left:
                 continue
-            fitted = fit_candidate(every[c.assumptions], c)
-            gains = _gains(every[c.assumptions], fitted) or {}
+            lasting = fit_candidate(every[c.assumptions], c)
             left = [
-                k
-                for k in left
-                if worth[k]
-                >= fitted.evidence
-                - sum(gain.gained for o, gain in gains.items() if o not in outputs[k])
+                (accident, own)
+                for accident, own in left
+                if own >= lasting.evidence
+                or _beside(seen[accident.assumptions], lasting.effect, accident) > MIN_BESIDE
             ]
-        kept = [accidents[k] for k in left]
+        kept = [accident for accident, _ in left]
         return [c for c in candidates if c.effect.log is None or any(c is each for each in kept)]
 
     def ranked(self, candidates: Sequence[CauseCandidate]) -> list[CauseCandidate]:
@@ -211,7 +207,7 @@ def preferred_by_diagnosed(ranked: Sequence[CauseCandidate], found: Effect) -> s
 
 @dataclass(frozen=True)
 class UnseenGain:
-    """What a cause is worth in a log, as it stands.
+    """What a cause is worth in an unseen log, as it stands.
 
     Attributes
     ----------
@@ -225,29 +221,19 @@ class UnseenGain:
 
 def _unseen_gain(unseen: Hypothesis, candidate: CauseCandidate) -> UnseenGain | None:
     """What a cause is worth in an unseen log; None where it cannot be run over it."""
-    gains = _gains(unseen, candidate)
-    if gains is None:
-        return None
-    own = gains.values()
-    return UnseenGain(sum(g.gained for g in own), sum(g.expected for g in own))
-
-
-def _gains(hypothesis: Hypothesis, candidate: CauseCandidate) -> dict[str, UnseenGain] | None:
-    """What a cause is worth at every output, as it stands; None where it cannot be run."""
-    products = _standing(hypothesis, candidate.effect, candidate.assumptions)
+    products = _standing(unseen, candidate.effect, candidate.assumptions)
     if products is None:
         return None
-    gains = {}
+    gained = expected = 0.0
     for output, own in products.items():
-        independence, caused = hypothesis.evidence[output].independence, own.C[:, 0, 0]
+        independence, caused = unseen.evidence[output].independence, own.C[:, 0, 0]
         left = own.null.square - 2 * own.b[:, 0] + caused
         beside, without = (
             float(np.min(own.null.negative_log(square))) for square in (left, left + caused)
         )
-        gains[output] = UnseenGain(
-            2 * independence * (own.null.best - beside), 2 * independence * (without - beside)
-        )
-    return gains
+        gained += 2 * independence * (own.null.best - beside)
+        expected += 2 * independence * (without - beside)
+    return UnseenGain(gained, expected)
 
 
 def _standing(
@@ -270,6 +256,12 @@ def _can_judge(hypothesis: Hypothesis, log: Record) -> bool:
     ]
     enough = all(not count or count >= MIN_ROWS for count in readings)
     return any(readings) and enough and cannot_run(hypothesis.model, log) is None
+
+
+def _beside(one: Hypothesis, lasting: Effect, accident: CauseCandidate) -> float:
+    """Evidence of an accident where a lasting cause has its part."""
+    model = replace(one.model, effects=(*one.model.effects, lasting))
+    return fit_candidate(one.with_model(model), accident).evidence
 
 
 def _again(one: Hypothesis, candidate: CauseCandidate) -> float:

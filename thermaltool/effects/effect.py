@@ -121,10 +121,12 @@ class Effect:
     side: ClassVar[Side]
     explanation: ClassVar[str]
     # What a technician can do, with places for {channel}, {output}, {partner}, {moves} and the
-    # parameters (`thermaltool.diagnosis.action`); where nothing is logged; where a sensor is read.
+    # parameters (`thermaltool.diagnosis.action`); where nothing is logged; where a sensor is read;
+    # where it has no partner.
     action: ClassVar[str]
     action_unlogged: ClassVar[str] = ""
     action_measured: ClassVar[str] = ""
+    action_alone: ClassVar[str] = ""
     signature: ClassVar[str]
     source: ClassVar[str]
     known: ClassVar[Mapping[str, Parameter]]

@@ -71,7 +71,13 @@ class SecondSource(HeatSource):
         return (
             f"look for what was switched {self._switched} (pump, light, bearing, another machine): "
             "it moves {output} by up to {moves}; log it in a column of its own"
-        )
+        ) + self._or_sensor
+
+    @property
+    def _or_sensor(self) -> str:
+        """What else to look at where no other output shows it."""
+        alone = sum(reference_of(name)[0] == "gain" for name in self.parameters) == 1
+        return ". No other output shows it: see whether the sensor sits as it did" if alone else ""
 
     @property
     def _switched(self) -> str:
