@@ -19,6 +19,7 @@ from tempfile import TemporaryDirectory
 from typing import Any
 
 import numpy as np
+from as_simulated import Agreements, compared, largest
 from click.testing import CliRunner
 from exam_scoring import Agreed, Named, Score, Trial
 from hidden_scoring import FALSE, LARGEST_GROUP, Float
@@ -26,7 +27,6 @@ from machines.foreign import PLANTS
 from machines.foreign.hide import Exercise, calibration, clean_log, hide
 from machines.foreign.plant import Plant, Table, as_logged
 from scipy.stats import norm
-from told import Agreements, differences
 
 from thermaltool.cli import group as thermaltool
 from thermaltool.errors import ThermalToolError
@@ -297,8 +297,7 @@ def _told_off(
         return lambda log: models[names[log]]
 
     # Without a cause the file is the one that came.
-    found = differences(document["written"], of(before), None if after is None else of(after))
-    return max(found, default=0.0)
+    return largest(compared(document["written"], of(before), None if after is None else of(after)))
 
 
 def power_of_knowing_all(known: Calibrated, found: Exercise) -> float:

@@ -7,9 +7,9 @@ from collections.abc import Callable, Iterator, Sequence
 from functools import partial
 
 import numpy as np
+from as_simulated import MAX_DIFFERENCE
 from exam_scoring import INDISTINGUISHABLE, NEAR, SURE, WORSE_SHARE, Score
 from hidden_tables import REACHED, table_lines, wilson
-from told import MOST
 
 NONE = "none"
 # Power of the test that is told all below which a log does not show what is wrong.
@@ -162,7 +162,7 @@ def _worse(s: Score) -> bool:
 
 
 def _differs(s: Score) -> bool:
-    return s.told_off >= MOST
+    return s.told_off >= MAX_DIFFERENCE
 
 
 _KNOWN: dict[str, Callable[[Score], bool]] = {

@@ -10,9 +10,9 @@ from pathlib import Path
 from typing import Literal
 
 import numpy as np
+from as_simulated import compared, largest
 from numpy.typing import NDArray
 from scipy.stats import norm
-from told import differences
 
 from thermaltool.api.simulation import simulate
 from thermaltool.diagnosis.correction import corrected, uncorrected
@@ -97,8 +97,8 @@ class Score:
         Held-out RMS over that of a fit that was told the cause.
     power : float
         Of a test that is told all of the effect, see `power_of_knowing`; NaN but for one effect.
-    told_off : float
-        Largest relative difference of a told RMSE from that of `simulate` with the written file.
+    difference : float
+        Largest of an RMSE in the report from that of `simulate` with the written file, relative.
     seconds : float
         CPU time of the diagnosis.
     failure : str
@@ -116,7 +116,7 @@ class Score:
     error: float | None = None
     ratio: float | None = None
     power: float = float("nan")
-    told_off: float = float("nan")
+    difference: float = float("nan")
     seconds: float = float("nan")
     failure: str = ""
 
@@ -154,13 +154,13 @@ def score(trial: Trial, model: Model | None = None, powers: bool = True) -> Scor
     begin = time.process_time()
     try:
         answer = diagnose(model, [signals(found.log)])
+        seconds = time.process_time() - begin
+        off = from_simulated(answer, model, found)
     except Exception as error:  # whatever it is, the user has no answer
         return Score(trial, sizes, failure=f"{type(error).__name__}: {error}")
-    seconds = time.process_time() - begin
     named = tuple((cause.effect.name, cause.effect.channel) for cause in answer.causes)
     alarm = bool(named) or not answer.adequate
-    off = told_off(answer, model, found)
-    plain = Score(trial, sizes, named, alarm, seconds=seconds, power=power, told_off=off)
+    plain = Score(trial, sizes, named, alarm, seconds=seconds, power=power, difference=off)
     if not found.hidden:
         return plain
     truth = found.hidden[0]
@@ -179,12 +179,12 @@ def score(trial: Trial, model: Model | None = None, powers: bool = True) -> Scor
     )
 
 
-def told_off(answer: Diagnosis, model: Model, found: HiddenLog) -> float:
-    """Largest relative difference of a told RMSE from that of `simulate` with the written file."""
+def from_simulated(answer: Diagnosis, model: Model, found: HiddenLog) -> float:
+    """Largest difference of an RMSE in the report from that of `simulate`, relative."""
     log, written = signals(found.log), loads(dumps(answer.model))
     before, after = (simulate(each, log, faults="keep").document() for each in (model, written))
     rows = [row.document() for row in answer.written]
-    return max(differences(rows, lambda _: before, lambda _: after), default=0.0)
+    return largest(compared(rows, lambda _: before, lambda _: after))
 
 
 def signals(table: Table, rows: slice = slice(None)) -> Record:

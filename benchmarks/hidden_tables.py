@@ -7,10 +7,10 @@ from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
 import numpy as np
+from as_simulated import MAX_DIFFERENCE
 from hidden_scoring import SEEN, Score, law_of
 from machines.hidden import EFFECTS
 from scipy.stats import binom
-from told import MOST
 
 from thermaltool.report.style import COMPUTED, CYCLE, MARK, new_figure
 
@@ -174,7 +174,7 @@ def requirements(scores: Sequence[Score]) -> list[Line]:
     lines.append(share_of("two at 5 × noise: both named", [s.all_named for s in whole], 0.75))
     lines.append(share_of("two at 5 × noise: first named right", [first_of(s) for s in whole]))
     lines.append(share_of("natural size: right cause first", [s.first for s in natural]))
-    off = [s.told_off >= MOST for s in scores if not s.failure]
+    off = [s.difference >= MAX_DIFFERENCE for s in scores if not s.failure]
     lines.append(share_of("report and simulate differ by 1 % or more", off, 0.0, at_most=True))
     return lines
 

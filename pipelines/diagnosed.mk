@@ -65,11 +65,11 @@ ifeq ($(wildcard $(DATA)/gantry $(DATA)/daisy),)
 all:
 	@echo "measured logs: left out, there is no $(DATA) here (they are not copied into the project)"
 else
-all: $(CASES:%=$(OUT)/%.md) $(CASES:%=$(OUT)/%.told)
+all: $(CASES:%=$(OUT)/%.md) $(CASES:%=$(OUT)/%.simulated)
 	@for case in $(CASES); do echo; sed '/^$$/q' $(OUT)/$$case.md; done
-	@echo "What a report tells, beside simulate with the model as it came and as it was written:"
+	@echo "The figures of each report beside simulate with the model as it came and as it was written:"
 	@echo
-	@sed -n 1,2p $(firstword $(CASES:%=$(OUT)/%.told)); sed 1,2d -s $(CASES:%=$(OUT)/%.told)
+	@sed -n 1,2p $(firstword $(CASES:%=$(OUT)/%.simulated)); sed 1,2d -s $(CASES:%=$(OUT)/%.simulated)
 	@echo
 	@echo "Whole reports, with figures, are in $(OUT)/*.md"
 endif
@@ -92,14 +92,13 @@ $(OUT)/$(1).calibrated.json: $($(1).TRAIN) | $(OUT)
 	$(THERMALTOOL) calibrate $$< --columns data_samples/maps/$($(1).MAP).toml $($(1).PLAN) -o $$@
 
 $(OUT)/$(1).md: $$($(1).MODEL) $($(1).LOGS)
-	@rm -f $$($(1).WRITTEN)
 	$(THERMALTOOL) diagnose $$^ --columns data_samples/maps/$($(1).MAP).toml $($(1).MORE) \
 	    -o $$($(1).WRITTEN) --report $(OUT)/$(1).report.md > $(OUT)/$(1).json 2> $$@.part || case $$$$? in 3|4) ;; *) false ;; esac
 	@sed -n '/^The model/,$$$$p' $$@.part > $$@
 	@rm $$@.part
 
-$(OUT)/$(1).told: $(OUT)/$(1).md
-	@$(PYTHON) benchmarks/told.py $(OUT)/$(1).json --model $$($(1).MODEL) \
+$(OUT)/$(1).simulated: $(OUT)/$(1).md benchmarks/as_simulated.py
+	@$(PYTHON) benchmarks/as_simulated.py $(OUT)/$(1).json --model $$($(1).MODEL) \
 	    --written $$($(1).WRITTEN) --columns data_samples/maps/$($(1).MAP).toml > $$@
 endef
 $(foreach case,$(CASES),$(eval $(call diagnosed,$(case))))

@@ -9,6 +9,7 @@ import sys
 from dataclasses import replace
 from pathlib import Path
 
+import numpy as np
 import pytest
 
 sys.path.append(str(Path(__file__).parents[2] / "benchmarks"))
@@ -17,8 +18,8 @@ import exam
 import exam_machine
 import exam_scoring as scoring
 import exam_tables as tables
+from as_simulated import MAX_DIFFERENCE, compared, largest
 from machines.foreign import PLANTS
-from told import MOST, differences
 
 SEED = 20261122
 
@@ -55,7 +56,7 @@ def test_the_runner_scores_a_clean_and_a_troubled_log(scores):
     assert len(gain.agreed) == 6
     # So large a gain is seen, whatever it is called, and the report tells what is written.
     assert not gain.adequate
-    assert gain.told_off < MOST
+    assert gain.told_off < MAX_DIFFERENCE
     text = "\n".join(tables.tables(scores, exam.SIZES, SEED))
     assert f"Seed {SEED}, 2 logs of 1 machines" in text
 
@@ -124,14 +125,18 @@ def test_a_figure_that_simulate_does_not_have_is_seen():
         return [{"log": "a", "output": "d_x_um", "step": k, "rmse": 4.0 - k,
                  "rmse_zero_free": None} for k in steps]  # fmt: skip
 
-    def runs(rmse: float):
-        return lambda log: {"d_x_um": {"rmse": rmse, "rmse_zero_free": 1.0}}
+    def runs(rmse: float | None, free: float | None = None):
+        return lambda log: {"d_x_um": {"rmse": rmse, "rmse_zero_free": free}}
 
-    assert differences(rows(0, 1, 2), runs(4.0), runs(2.0)) == [0.0, 0.0]
-    assert max(differences(rows(0, 1), runs(4.0), runs(2.5))) == pytest.approx(0.2)
+    assert largest(compared(rows(0, 1, 2), runs(4.0), runs(2.0))) == 0.0
+    assert largest(compared(rows(0, 1), runs(4.0), runs(2.5))) == pytest.approx(0.2)
     # Nothing was written; and what came is written as it came.
-    assert differences(rows(0, 1), runs(4.0), None) == [0.0]
-    assert len(differences(rows(0), runs(4.0), runs(4.0))) == 2
+    assert largest(compared(rows(0, 1), runs(4.0), None)) == 0.0
+    assert len(compared(rows(0), runs(4.0), runs(4.0))) == 4
+    # Only one of them has a figure, or none was compared.
+    for other in (runs(0.0), runs(None), runs(np.nan), runs(4.0, 1.0)):
+        assert largest(compared(rows(0), other, None)) == np.inf
+    assert largest([]) == np.inf
 
 
 def test_the_default_run_is_large_and_the_same_for_every_choice_of_plants():

@@ -10,6 +10,9 @@ from thermaltool.effects.effect import Effect, reference_of
 from thermaltool.effects.instant import INSTANTS
 from thermaltool.units import is_temperature, parse_channel, printed
 
+# What else to look at where one output alone shows a cause.
+ALONE = ". No other output shows it: see whether the sensor of {output} sits as it did"
+
 if TYPE_CHECKING:
     from thermaltool.diagnosis.result import Location
     from thermaltool.diagnosis.severity import Severity
@@ -42,6 +45,9 @@ def action_of(
         default=next(iter(named), effect.channel),
     )
     values = {"channel": effect.channel, "partner": effect.partner or "", "output": output}
+    moved = {own for name in effect.linear() if (own := reference_of(name)[1])}
+    alone = len(moved) == 1 < len(noise)
+    values["alone"] = ALONE.format(output=output) if alone else ""
     largest = severity[output].largest if output in severity else 0.0
     values["moves"] = _text(largest, parse_channel(output).unit) if output else ""
     fitted = []

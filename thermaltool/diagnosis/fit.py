@@ -43,6 +43,8 @@ class CauseCandidate:
         Under which it was fitted.
     amplitudes : mapping of str to float
         Departures from neutral of the linear parameters; of ``""``, the share of a displacement.
+    prior : float
+        Part of the evidence that is how common such a cause is, whatever the logs say.
     """
 
     effect: Effect
@@ -50,6 +52,7 @@ class CauseCandidate:
     gain: float
     assumptions: Assumptions
     amplitudes: Mapping[str, float]
+    prior: float = 0.0
 
     @staticmethod
     def unfitted(effect: Effect, assumptions: Assumptions) -> CauseCandidate:
@@ -59,7 +62,7 @@ class CauseCandidate:
     @property
     def evidence_of_logs(self) -> float:
         """Evidence of the logs alone, however common the cause may be."""
-        return self.evidence - 2 * float(np.log(self.effect.odds))
+        return self.evidence - self.prior
 
     @property
     def place(self) -> tuple[str, str, str | None]:
@@ -148,15 +151,22 @@ def score(
     count = len(effect.linear()) + len(effect.searched())
     found = {n: float(v) for n, v in zip(amplitudes, result.amplitudes, strict=True)}
     effect = effect.changed({n: effect.parameter(n).neutral + v for n, v in found.items() if n})
-    fall = 2 * gain - count * float(np.log(rows)) + 2 * float(np.log(effect.odds))
     # Heat and air reach more than one place: what moves one output is mostly that output's.
     sure = [o for o in outputs if over[o] >= DECISIVE_EVIDENCE or o not in separate]
-    if len(sure) < 2 <= len(hypothesis.groups):
-        alone = effect.odds_alone(sure[0] if sure else None)
-        fall = fall + 2 * float(np.log(alone)) if alone else -np.inf
-    if not np.isfinite(fall) or not effect.plausible(hypothesis.scene):
+    odds = effect.odds
+    if len(sure) < 2 <= len(_read_in(hypothesis, effect)):
+        odds *= effect.odds_alone(sure[0] if sure else None)
+    prior = 2 * float(np.log(odds)) if odds else -np.inf
+    fall = 2 * gain - count * float(np.log(rows)) + prior
+    if not odds or not effect.plausible(hypothesis.scene):
         fall = gain = -np.inf
-    return CauseCandidate(effect, fall, gain, assumptions, found)
+    return CauseCandidate(effect, fall, gain, assumptions, found, prior)
+
+
+def _read_in(hypothesis: Hypothesis, effect: Effect) -> list[str]:
+    """Outputs with readings in the logs in which a cause may act."""
+    logs = [log for log in hypothesis.logs if effect.log in (None, log.digest)]
+    return [o for o in hypothesis.groups if any(o in log.columns for log in logs)]
 
 
 def signatures_of(hypothesis: Hypothesis, trial: Effect) -> dict[str, Changes]:

@@ -17,8 +17,8 @@ from thermaltool.diagnosis.severity import Severity
 from thermaltool.diagnosis.simulation import Series
 from thermaltool.effects.effect import Float
 from thermaltool.effects.noise_state import NoiseState
+from thermaltool.fitting.averaging import row_noise
 from thermaltool.record import Record
-from thermaltool.signals.resolution import reading_sigma
 from thermaltool.signals.row_groups import Index
 from thermaltool.units import is_displacement, is_temperature
 
@@ -145,28 +145,30 @@ def _since_calibration(
     residuals: Series,
     switched: Sequence[NDArray[np.bool_]],
 ) -> _Noise | None:
-    """The noise of a residual beside that of the readings of the calibration; None where it is not
-    known, or much the same."""
-    model = hypothesis.model
+    """The noise of the loudest log beside that of the readings of the calibration.
+
+    None where it is not known, or much the same.
+    """
+    model, found = hypothesis.model, []
     quiet = next(o.fit for o in model.outputs if o.channel == output).get("noise", 0.0)
-    off, readings, finer = [], [], 1.0
     for log, residual, jumps in zip(hypothesis.logs, residuals, switched, strict=True):
-        if output in log.columns:
-            off.append(_differences(log, residual, jumps)[1])
-            rows = log.columns[output]
-            readings.append(reading_sigma(rows) * float(np.sqrt(log.row_readings)))
-            finer = max(finer, model.sample_period / log.period)
-    loud = np.concatenate(off) if off else np.array([])
-    if len(loud) < MIN_PAIRS or not quiet:
-        return None
-    # A misfit that jumps is in the residual, heat that comes fast in the readings.
-    mean = min(_mean_log(loud, loud), float(np.log(max(max(readings), TINY))))
-    # Readings that are taken more often may be means of fewer.
-    over = mean - float(np.log(quiet))
-    if over <= np.log(MIN_SINCE * np.sqrt(finer)):
-        return None
-    evidence = over**2 / (VARIANCE_LOG / len(loud)) - float(np.log(len(loud)))
-    return _Noise(None, quiet, float(np.exp(mean)), float(np.max(loud)), evidence)
+        loud = _differences(log, residual, jumps)[1]
+        if not quiet or len(loud) < MIN_PAIRS:
+            continue
+        mean = _mean_log(loud, loud)
+        # A misfit that is steep, and what a filter leaves of noise from reading to reading, are in
+        # the residual alone.
+        scatter = row_noise(log, output) * float(np.sqrt(log.row_readings))
+        if scatter > 0:
+            mean = min(mean, float(np.log(scatter)))
+        # Readings on another clock may be means of fewer, or have more of slow noise between them.
+        clock = model.sample_period * log.row_readings / log.period
+        over = mean - float(np.log(quiet))
+        if over > np.log(MIN_SINCE * np.sqrt(max(clock, 1 / clock))):
+            price = float(np.log(len(loud))) + 2 * float(np.log(len(hypothesis.logs)))
+            evidence = over**2 / (VARIANCE_LOG / len(loud)) - price
+            found.append(_Noise(None, quiet, float(np.exp(mean)), float(np.max(loud)), evidence))
+    return max(found, key=lambda each: each.loud, default=None)
 
 
 def _differences(log: Record, residual: Float, left_out: NDArray[np.bool_]) -> tuple[Index, Float]:

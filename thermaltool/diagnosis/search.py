@@ -9,7 +9,7 @@ causes made idle is taken out again, and so is what the written model has no use
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable
 from dataclasses import replace
 
 import numpy as np
@@ -17,8 +17,8 @@ import numpy as np
 from thermaltool.diagnosis.alternatives import tried_causes
 from thermaltool.diagnosis.assumptions import STARTS, Assumptions, released
 from thermaltool.diagnosis.balance import balance
+from thermaltool.diagnosis.confirm import Offer, begun, confirmed_unseen, is_freed, offered
 from thermaltool.diagnosis.evidence import DECISIVE_EVIDENCE
-from thermaltool.diagnosis.fit import CauseCandidate
 from thermaltool.diagnosis.hypothesis import Hypothesis
 from thermaltool.diagnosis.no_signature import (
     beyond_calibration,
@@ -31,29 +31,16 @@ from thermaltool.diagnosis.select import Ranking, ranked
 from thermaltool.diagnosis.simulation import SimulatedLogs
 from thermaltool.diagnosis.sound_logs import MIN_MISFIT, are_silent, misfit, sound_logs
 from thermaltool.diagnosis.state import DiagnosisTask, SearchState
-from thermaltool.diagnosis.unseen import UnseenLogs, preferred_by_diagnosed
-from thermaltool.diagnosis.validate import judge
 from thermaltool.diagnosis.written import cannot_run, gains_of
 
-# Causes that are named at most, and that are held out at each step before the search is given up:
-# the strongest, and others by what they have beyond their assumptions.
-MAX_CAUSES, MAX_HELD_OUT, MAX_OTHERS = 6, 4, 2
-# Evidence of an accident beside another cause: that both fall into one log is a coincidence, and
-# what the other's form leaves looks like one.
-MIN_FURTHER_ACCIDENT = 40.0
+# Causes that are named at most.
+MAX_CAUSES = 6
 # Without sound logs a search counts where it leaves at most this share of the power above noise.
 MAX_LEFT = 0.5
 HAS_CHANGED = (
     "the model's own parameters have changed since the calibration, beyond its uncertainty: "
     "calibrate again"
 )
-BEGINS_AWAY = "a log does not begin at rest: its start decays are fitted apart"
-BEGINS_AS_A_WHOLE = (
-    "a log does not begin at rest: the machine as a whole is warmer or colder than its "
-    "surroundings, and follows them"
-)
-# A search before its model was free to change, and what it found then.
-Held = tuple[SearchState, Hypothesis, Ranking]
 
 
 def searched(task: DiagnosisTask, start: SearchState) -> tuple[DiagnosisTask, SearchState]:
@@ -131,7 +118,7 @@ def _step(task: DiagnosisTask, search: SearchState) -> SearchState:
     """One more cause, or the end of the search."""
     hypothesis = search.hypothesis
     blind = {p for each in search.unseen for p in zip(each.names, each.channels, strict=True)}
-    held: Held | None = None
+    calibrated: tuple[SearchState, Hypothesis, Ranking] | None = None
     while True:
         ranking = ranked(hypothesis, blind, task.progress)
         # Of the last assumptions before the first cause: what a start says is none's evidence.
@@ -140,34 +127,21 @@ def _step(task: DiagnosisTask, search: SearchState) -> SearchState:
         told = [c for c in ranking.fitted if not is_trend(c.effect, task.model, task.logs)]
         ranking = replace(ranking, fitted=told)
         better = ranking.better_assumptions()
-        strong: list[CauseCandidate] = []
-        of_logs: list[CauseCandidate] = []
-        refused: list[CauseCandidate] = []
+        offer = Offer()
         if better is None:
-            of_logs, strong = _strong(task, search, hypothesis, ranking)
-            refused = [c for c in of_logs if not any(c is each for each in strong)]
-            # A start explains more than causes that do not stand: it comes before weaker causes
-            # than the strongest, and before any unknown; but for the one that explains the most
-            # by itself, and more than the start.
-            better = ranking.own_start(hypothesis.assumptions)
-            first = strong
-            if better is not None and strong:
-                plain = max(strong, key=ranking.beyond)
-                beside = ranking.beyond(plain) > ranking.alone[better]
-                first = [strong[0], plain] if beside and plain is not strong[0] else strong[:1]
-            found = _confirmed(task, search, hypothesis, ranking, first)
-            if found is not None:
-                other = preferred_by_diagnosed(strong, found.causes[-1].effect)
-                return found if other is None else found.noted(other)
+            offer = offered(task, search, hypothesis, ranking)
+            if offer.found is not None:
+                return offer.found
+            better = offer.start
         if better is None:
-            suspects = [c for c in ranking.strong(0.0) if not any(c is each for each in refused)]
-            found = _confirmed_unseen(task, search, hypothesis, ranking, suspects)
+            suspects = [c for c in ranking.strong(0.0) if not offer.refuses(c)]
+            found = confirmed_unseen(task, search, hypothesis, ranking, suspects)
             found = found or _too_short(task, search, hypothesis)
-            found = found or _of_held_model(task, search, hypothesis, held)
+            found = found or _of_calibrated_model(task, search, hypothesis, calibrated)
             return found or replace(
                 search,
                 ended=hypothesis,
-                unconfirmed=of_logs[0] if of_logs else None,
+                unconfirmed=offer.of_logs[0] if offer.of_logs else None,
                 suspects=tuple(ranking.strong(0.0)),
                 exhausted=True,
             )
@@ -175,92 +149,28 @@ def _step(task: DiagnosisTask, search: SearchState) -> SearchState:
         search, changed = _own_change(task, search, hypothesis, better)
         if changed is None:
             return search
-        if _is_freed(hypothesis, changed):
-            held = before
+        if is_freed(hypothesis, changed):
+            calibrated = before
         hypothesis = changed
 
 
-def _strong(
-    task: DiagnosisTask, search: SearchState, hypothesis: Hypothesis, ranking: Ranking
-) -> tuple[list[CauseCandidate], list[CauseCandidate]]:
-    """Candidates with decisive evidence that all logs bear out, and their order by all logs."""
-    strong = ranking.strong(0.0 if "white" in hypothesis.assumptions else DECISIVE_EVIDENCE)
-    if search.causes:
-        strong = [
-            c for c in strong
-            if c.effect.log is None or ranking.beyond(c) > MIN_FURTHER_ACCIDENT
-        ]  # fmt: skip
-    if task.validate:
-        task.progress("unseen logs")
-    unseen = UnseenLogs(hypothesis, task.validate, task.model)
-    of_logs = unseen.borne_out(strong)
-    return of_logs, unseen.ranked(of_logs)
-
-
-def _of_held_model(
-    task: DiagnosisTask, search: SearchState, freed: Hypothesis, held: Held | None
+def _of_calibrated_model(
+    task: DiagnosisTask,
+    search: SearchState,
+    freed: Hypothesis,
+    calibrated: tuple[SearchState, Hypothesis, Ranking] | None,
 ) -> SearchState | None:
     """The search with a first cause beside the model as calibrated, where a free one is no help.
 
     None where the free model leaves noise, and where no cause stands.
     """
-    if held is None or search.causes:
+    if calibrated is None or search.causes:
         return None
     if rest_of(task, search.hypothesis, replace(search, ended=freed)) is None:
         return None
-    _, strong = _strong(task, *held)
-    return _confirmed(task, *held, strong)
-
-
-def _confirmed(
-    task: DiagnosisTask,
-    search: SearchState,
-    hypothesis: Hypothesis,
-    ranking: Ranking,
-    candidates: Sequence[CauseCandidate],
-    faint: bool = False,
-) -> SearchState | None:
-    """The search with the first of the candidates that stands; None where none does."""
-    for candidate in _judged(ranking, candidates):
-        task.progress(f"held-out gain of {candidate.effect.name}")
-        verdict = judge(
-            hypothesis,
-            candidate,
-            ranking.fitted,
-            task.model,
-            task.validate,
-            task.calibrated_misfit,
-            faint,
-        )
-        if verdict is not None:
-            search = search.accepting(verdict.cause, verdict.after, verdict)
-            if _is_freed(hypothesis, verdict.after):
-                search = search.noted("the model's own parameters are free beside the cause")
-            if STARTS & (verdict.after.assumptions - hypothesis.assumptions):
-                search = _begun(search, verdict.after.assumptions)
-            return search
-    return None
-
-
-def _confirmed_unseen(
-    task: DiagnosisTask,
-    search: SearchState,
-    hypothesis: Hypothesis,
-    ranking: Ranking,
-    suspects: Sequence[CauseCandidate],
-) -> SearchState | None:
-    """The search with a first cause that unseen logs confirm; None where there is none."""
-    if search.causes:
-        return None
-    unseen = UnseenLogs(hypothesis, task.validate, task.model)
-    faint = unseen.shown_by_all(suspects, ranking.correction)
-    found = _confirmed(task, search, hypothesis, ranking, faint, faint=True)
-    if found is None:
-        return None
-    return found.noted(
-        f"{found.causes[0].effect.name} is told by the unseen logs: parts of the diagnosed ones "
-        "alone do not confirm it"
-    )
+    before, hypothesis, ranking = calibrated
+    plain = [c for c in ranking.fitted if "released" not in c.assumptions]
+    return offered(task, before, hypothesis, replace(ranking, fitted=plain)).found
 
 
 def _too_short(
@@ -305,7 +215,7 @@ def _own_change(
     that cannot judge.
     """
     changed = hypothesis.under(better, task.model)
-    if _is_freed(hypothesis, changed):
+    if is_freed(hypothesis, changed):
         changed = changed.fitted()
         if (found := _with_left_open(task, search, hypothesis, changed)) is not None:
             return found, None
@@ -319,42 +229,16 @@ def _own_change(
             return replace(search, ended=changed, undecided=why, exhausted=True), None
         return search.noted(HAS_CHANGED), changed
     if "uniform" in better:
-        return _begun(search, better), changed
+        return begun(search, better), changed
     # What a short calibration has not seen may pass for a start: it comes first.
     freed = hypothesis.under(released(hypothesis.assumptions), task.model).fitted()
     found = _with_left_open(task, search, hypothesis, freed)
     # Beside a longer calibration nothing is left of what only looked like a start.
-    begun = (freed.assumptions - STARTS) | (better & STARTS)
-    started = freed.evidence_of(begun) > DECISIVE_EVIDENCE
+    beside = (freed.assumptions - STARTS) | (better & STARTS)
+    started = freed.evidence_of(beside) > DECISIVE_EVIDENCE
     if found is not None and not started:
         return found, None
-    return _begun(search, better), changed
-
-
-def _begun(search: SearchState, started: Assumptions) -> SearchState:
-    """The search with a note on how a log begins, in place of one on a plainer start."""
-    own = BEGINS_AS_A_WHOLE if "uniform" in started else BEGINS_AWAY
-    other = BEGINS_AWAY, BEGINS_AS_A_WHOLE
-    return replace(search, notes=tuple(n for n in search.notes if n not in other)).noted(own)
-
-
-def _judged(ranking: Ranking, strong: Sequence[CauseCandidate]) -> list[CauseCandidate]:
-    """The strongest, then other places by what they have beyond their assumptions.
-
-    Beside a model that is free to change every cause looks strong.
-    """
-    first = strong[:MAX_HELD_OUT]
-    places = {c.place for c in first}
-    others: dict[object, CauseCandidate] = {}
-    for candidate in sorted(strong, key=lambda c: -ranking.beyond(c)):
-        if candidate.place not in places:
-            others.setdefault(candidate.place, candidate)
-    return [*first, *list(others.values())[:MAX_OTHERS]]
-
-
-def _is_freed(before: Hypothesis, after: Hypothesis) -> bool:
-    """Whether the model's own parameters are free that were held by the calibration."""
-    return "tight" in before.assumptions and "released" in after.assumptions
+    return begun(search, better), changed
 
 
 def _second_look(task: DiagnosisTask, search: SearchState) -> SearchState:

@@ -79,11 +79,13 @@ class UnseenLogs:
             if c.effect.log is not None or not left:
                 continue
             lasting = fit_candidate(every[c.assumptions], c)
+            beside = _with(seen[c.assumptions], lasting.effect)
             left = [
                 (accident, own)
                 for accident, own in left
                 if own >= lasting.evidence
-                or _beside(seen[accident.assumptions], lasting.effect, accident) > MIN_BESIDE
+                or fit_candidate(beside, replace(accident, assumptions=c.assumptions)).evidence
+                > MIN_BESIDE
             ]
         kept = [accident for accident, _ in left]
         return [c for c in candidates if c.effect.log is None or any(c is each for each in kept)]
@@ -258,10 +260,10 @@ def _can_judge(hypothesis: Hypothesis, log: Record) -> bool:
     return any(readings) and enough and cannot_run(hypothesis.model, log) is None
 
 
-def _beside(one: Hypothesis, lasting: Effect, accident: CauseCandidate) -> float:
-    """Evidence of an accident where a lasting cause has its part."""
-    model = replace(one.model, effects=(*one.model.effects, lasting))
-    return fit_candidate(one.with_model(model), accident).evidence
+def _with(hypothesis: Hypothesis, effect: Effect) -> Hypothesis:
+    """The hypothesis with an effect more in its model."""
+    model = hypothesis.model
+    return hypothesis.with_model(replace(model, effects=(*model.effects, effect)))
 
 
 def _again(one: Hypothesis, candidate: CauseCandidate) -> float:

@@ -19,7 +19,7 @@ from thermaltool.units import is_temperature, parse_channel
 # A source that nobody logged is switched on after this share of a log at the earliest, and of its
 # own time constant: before, it is the state in which the machine was found.
 MIN_START, MIN_LATER = 0.01, 0.3
-# Odds of one that reaches one sensor alone for sure.
+# How much rarer one is that reaches one sensor alone for sure.
 ODDS_AT_ONE_PLACE = 1 / 150
 # Instants of a log between which one is tried that was on for a while, with lags by the model's
 # slowest.
@@ -59,9 +59,9 @@ class SecondSource(HeatSource):
     }
 
     def odds_alone(self, output: str | None) -> float:
-        # What moves one reading is a sensor's, unless it comes on as heat does, and for good.
-        comes_on = not self.channel and "stop" not in self.parameters
-        if comes_on and output is not None and is_temperature(output):
+        # What moves one reading is a sensor's, unless it comes as heat does, and stays.
+        stays = not self.channel and "stop" not in self.parameters
+        if stays and output is not None and is_temperature(output):
             return ODDS_AT_ONE_PLACE
         return super().odds_alone(output)
 
@@ -70,14 +70,8 @@ class SecondSource(HeatSource):
         """What to look for where nobody logged it: what was switched, and when."""
         return (
             f"look for what was switched {self._switched} (pump, light, bearing, another machine): "
-            "it moves {output} by up to {moves}; log it in a column of its own"
-        ) + self._or_sensor
-
-    @property
-    def _or_sensor(self) -> str:
-        """What else to look at where no other output shows it."""
-        alone = sum(reference_of(name)[0] == "gain" for name in self.parameters) == 1
-        return ". No other output shows it: see whether the sensor sits as it did" if alone else ""
+            "it moves {output} by up to {moves}; log it in a column of its own{alone}"
+        )
 
     @property
     def _switched(self) -> str:
