@@ -63,6 +63,22 @@ def test_a_start_of_the_modes_is_the_likelier_in_any_unit(kind: str, unit: float
     assert np.allclose(told - told[-1], start - start[-1], atol=0.25)
 
 
+@pytest.mark.parametrize("kind", RESPONSES)
+def test_a_step_is_looked_for_beside_the_start(kind: str) -> None:
+    """The start moves more from reading to reading than the sensor that jumps."""
+    found, start = warm_log(kind, 1.0, 0.0)
+    (log,) = found.logs
+    at = float(log.time[637])
+    bed = log.columns[BED] + 19 * start + 0.2 * (log.time >= at)
+    stepped = replace(log, columns={**log.columns, BED: bed})
+    begun = found.with_logs([stepped]).under(OF_MODES, found.model)
+    trials = scan(begun, [OF_MODES])
+    first = next(c for c in trials if c.effect.name == "sensor_offset_step")
+    step = fit_candidate(begun, first)
+    assert step.evidence > 50.0
+    assert step.effect.parameters["time"] == pytest.approx(at, abs=2 * PERIOD)
+
+
 @pytest.mark.slow
 @pytest.mark.parametrize("kind", RESPONSES)
 def test_a_start_of_the_modes_leaves_more_of_what_is_slow(kind: str) -> None:

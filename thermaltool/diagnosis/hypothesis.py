@@ -246,10 +246,8 @@ class Hypothesis:
         """What the catalogue of causes sees."""
         residuals = {
             o: [
-                residual - switching
-                for residual, switching in zip(
-                    self.simulation.residual(o), self.switching(o), strict=True
-                )
+                residual - own
+                for residual, own in zip(self.simulation.residual(o), self.of_logs(o), strict=True)
             ]
             for o in self.groups
         }

@@ -21,6 +21,8 @@ from thermaltool.units import is_temperature, parse_channel
 MIN_START, MIN_LATER = 0.01, 0.3
 # How much rarer one is that reaches one sensor alone for sure.
 ODDS_AT_ONE_PLACE = 1 / 150
+# Below so many samples a rise is a step, which is another cause.
+RISING_SAMPLES = 10
 # Instants of a log between which one is tried that was on for a while, with lags by the model's
 # slowest.
 WINDOWS, WINDOW_LAGS = 8, (0.3, 1.0)
@@ -126,7 +128,10 @@ class SecondSource(HeatSource):
         tau = self.parameters["time_constant"]
         later = self.parameters["start"] - began > max(MIN_START * (seen - began), MIN_LATER * tau)
         lasting = seen - self.parameters["start"]
-        return reached and later and tau < lasting and self._stops_within(began, seen)
+        # What comes at once, and at one place, is a step of its reading.
+        alone = len([n for n in self.parameters if reference_of(n)[0] == "gain"]) == 1
+        rises = not alone or tau >= RISING_SAMPLES * scene.period
+        return reached and later and rises and tau < lasting and self._stops_within(began, seen)
 
     def _stops_within(self, began: float, seen: float) -> bool:
         """Whether it is switched off, where it is, while the log shows both; what warms is hot."""
@@ -143,8 +148,7 @@ class SecondSource(HeatSource):
         gains = {f"gain[{output}]": 1.0 for output in scene.outputs}
         slowest = max(scene.slowest.values())
         for log in scene.logs:
-            # Below some ten samples a rise is a step, which is another cause.
-            for tau in time_constants(10 * log.period, log.duration, 4):
+            for tau in time_constants(RISING_SAMPLES * log.period, log.duration, 4):
                 for start in scene.instants(log, 15):
                     yield cls("", {**gains, "time_constant": tau, "start": start}, log.digest)
             for tau in (share * slowest for share in WINDOW_LAGS):
