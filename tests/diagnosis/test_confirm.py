@@ -13,7 +13,7 @@ from machines.foreign.plant import as_logged
 
 import thermaltool as tt
 from thermaltool.diagnosis import search
-from thermaltool.diagnosis.confirm import Offer
+from thermaltool.diagnosis.confirm import Confirmation
 from thermaltool.diagnosis.fit import CauseCandidate
 from thermaltool.diagnosis.select import Ranking
 from thermaltool.diagnosis.state import RELEASED, WITHIN_CALIBRATION, SearchState
@@ -31,11 +31,11 @@ def test_only_first_causes_of_the_model_as_calibrated_are_asked(monkeypatch, lef
     """None of those beside a free model, which were asked before; none where it leaves noise."""
     offers = []
 
-    def offered(task, before, hypothesis, ranking):
+    def confirmation(task, before, hypothesis, ranking):
         offers.append(ranking.fitted)
-        return Offer(found=before)
+        return Confirmation(found=before)
 
-    monkeypatch.setattr(search, "offered", offered)
+    monkeypatch.setattr(search, "confirmation", confirmation)
     monkeypatch.setattr(search, "rest_of", lambda task, first, ended: object() if left else None)
     state = SearchState(None, None, (), causes=causes)
     before = state, None, RANKING

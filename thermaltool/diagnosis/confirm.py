@@ -28,7 +28,7 @@ BEGINS_AS_A_WHOLE = (
 
 
 @dataclass(frozen=True)
-class Offer:
+class Confirmation:
     """What came of the candidates of a ranking.
 
     Attributes
@@ -58,9 +58,9 @@ class Offer:
         )
 
 
-def offered(
+def confirmation(
     task: DiagnosisTask, search: SearchState, hypothesis: Hypothesis, ranking: Ranking
-) -> Offer:
+) -> Confirmation:
     """The first of the decisive candidates that stands, or the start that comes before all.
 
     Parameters
@@ -95,7 +95,7 @@ def offered(
     if found is not None:
         other = preferred_by_diagnosed(strong, found.causes[-1].effect)
         found = found if other is None else found.noted(other)
-    return Offer(found, start, of_logs, strong)
+    return Confirmation(found, start, of_logs, strong)
 
 
 def confirmed_unseen(

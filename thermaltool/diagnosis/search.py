@@ -17,7 +17,13 @@ import numpy as np
 from thermaltool.diagnosis.alternatives import tried_causes
 from thermaltool.diagnosis.assumptions import STARTS, Assumptions, released
 from thermaltool.diagnosis.balance import balance
-from thermaltool.diagnosis.confirm import Offer, begun, confirmed_unseen, is_freed, offered
+from thermaltool.diagnosis.confirm import (
+    Confirmation,
+    begun,
+    confirmation,
+    confirmed_unseen,
+    is_freed,
+)
 from thermaltool.diagnosis.evidence import DECISIVE_EVIDENCE
 from thermaltool.diagnosis.hypothesis import Hypothesis
 from thermaltool.diagnosis.no_signature import (
@@ -127,21 +133,21 @@ def _step(task: DiagnosisTask, search: SearchState) -> SearchState:
         told = [c for c in ranking.fitted if not is_trend(c.effect, task.model, task.logs)]
         ranking = replace(ranking, fitted=told)
         better = ranking.better_assumptions()
-        offer = Offer()
+        outcome = Confirmation()
         if better is None:
-            offer = offered(task, search, hypothesis, ranking)
-            if offer.found is not None:
-                return offer.found
-            better = offer.start
+            outcome = confirmation(task, search, hypothesis, ranking)
+            if outcome.found is not None:
+                return outcome.found
+            better = outcome.start
         if better is None:
-            suspects = [c for c in ranking.strong(0.0) if not offer.refuses(c)]
+            suspects = [c for c in ranking.strong(0.0) if not outcome.refuses(c)]
             found = confirmed_unseen(task, search, hypothesis, ranking, suspects)
             found = found or _too_short(task, search, hypothesis)
             found = found or _of_calibrated_model(task, search, hypothesis, calibrated)
             return found or replace(
                 search,
                 ended=hypothesis,
-                unconfirmed=offer.of_logs[0] if offer.of_logs else None,
+                unconfirmed=outcome.of_logs[0] if outcome.of_logs else None,
                 suspects=tuple(ranking.strong(0.0)),
                 exhausted=True,
             )
@@ -170,7 +176,7 @@ def _of_calibrated_model(
         return None
     before, hypothesis, ranking = calibrated
     plain = [c for c in ranking.fitted if "released" not in c.assumptions]
-    return offered(task, before, hypothesis, replace(ranking, fitted=plain)).found
+    return confirmation(task, before, hypothesis, replace(ranking, fitted=plain)).found
 
 
 def _too_short(
