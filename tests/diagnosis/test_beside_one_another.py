@@ -129,7 +129,7 @@ def test_a_lamp_may_reach_one_temperature_alone_and_no_displacement_alone(reache
         assert source.parameters["start"] == pytest.approx(9000.0, abs=200.0)
         assert source.parameters[f"gain[{T}]"] == pytest.approx(3.0, rel=0.1)
         assert f"gain[{Z}]" not in source.parameters
-        assert "whether the sensor sits" in found.causes[0].action
+        assert "No other output shows it" in found.causes[0].action
 
 
 # ---------------------------------------------------------------- one output, many units
