@@ -19,8 +19,8 @@ SPINDLE := $(DATA)/cnc_spindle/spindle_first_28h.csv
 
 CASES := gantry gantry_before gantry_after gantry_header heating heating_half spindle_heat spindle_growth
 
-# MAP, LOGS and MORE are what diagnose gets, MODEL its model, WRITTEN what it writes; TRAIN and PLAN make the model, with the
-# kinds of response that `calibrate` chooses.
+# MAP, LOGS and MORE are what diagnose gets, MODEL its model, WRITTEN what it writes; TRAIN and PLAN
+# make the model, with the kinds of response that `calibrate` chooses.
 gantry.MAP := gantry
 gantry.TRAIN := $(MORNING)
 gantry.PLAN := --drive T_frame_degC --deflection d_z_um

@@ -10,12 +10,12 @@ from thermaltool.effects.effect import Effect, reference_of
 from thermaltool.effects.instant import INSTANTS
 from thermaltool.units import is_temperature, parse_channel, printed
 
-# What else to look at where one output alone shows a cause.
-ALONE = ". No other output shows it: see whether the sensor of {output} sits as it did"
-
 if TYPE_CHECKING:
     from thermaltool.diagnosis.result import Location
     from thermaltool.diagnosis.severity import Severity
+
+# What else to look at where one output alone shows a cause.
+ALONE = ". No other output shows it: see whether the sensor of {output} sits as it did"
 
 
 def action_of(

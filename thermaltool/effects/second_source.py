@@ -129,8 +129,7 @@ class SecondSource(HeatSource):
         later = self.parameters["start"] - began > max(MIN_START * (seen - began), MIN_LATER * tau)
         lasting = seen - self.parameters["start"]
         # What comes at once, and at one place, is a step of its reading.
-        alone = len([n for n in self.parameters if reference_of(n)[0] == "gain"]) == 1
-        rises = not alone or tau >= RISING_SAMPLES * scene.period
+        rises = len(self.linear()) > 1 or tau >= RISING_SAMPLES * scene.period
         return reached and later and rises and tau < lasting and self._stops_within(began, seen)
 
     def _stops_within(self, began: float, seen: float) -> bool:
