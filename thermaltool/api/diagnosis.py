@@ -224,7 +224,7 @@ def diagnose(
     ------
     LogError
         A log that cannot be read, lacks a drive or has no output of the model, is in
-        another unit by its size; the same log twice.
+        another unit by its size or by what the model makes of it; the same log twice.
     ModelError, FitError
         Nothing to judge the model by.
     UnitError
@@ -245,6 +245,7 @@ def diagnose(
     >>> [cause.effect.name for cause in tt.diagnose(fit, frame(-1.0)).diagnosis.causes]
     ['geometry_step']
     """
+    from thermaltool.diagnosis.course_units import course_suspects
     from thermaltool.diagnosis.diagnose import MIN_ROWS
     from thermaltool.diagnosis.diagnose import diagnose as run
     from thermaltool.diagnosis.limits import limits_of
@@ -272,6 +273,8 @@ def diagnose(
         for suspect in unit_suspects(found, log.columns):
             if suspect.channel in drives or suspect.unit in ABSOLUTE_UNITS:
                 raise LogError(unit_message(suspect), log.name)
+        for suspect in course_suspects(found, log):
+            raise LogError(unit_message(suspect), log.name)
         for output in found.outputs:
             if output.channel not in log.columns and output.channel not in dead:
                 near = hint(output.channel, log.columns)

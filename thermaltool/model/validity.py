@@ -54,16 +54,21 @@ class UnitSuspect:
 
     Attributes
     ----------
-    channel, unit : str
+    channel : str
+    unit : str or None
+        None where no unit is a thousand times that of the name, or a thousandth.
     logged, seen : float [unit of the name]
         Size in the log and in the calibration: the largest value, of other drives than temperatures
         relative to rest; of outputs that have no absolute level, how far they move.
+    by_model : bool
+        `seen` is instead the size that by the model goes with the other channels of the log.
     """
 
     channel: str
-    unit: str
+    unit: str | None
     logged: float
     seen: float
+    by_model: bool = False
 
 
 # A channel whose size becomes that of the calibration, to this factor, in another unit, a thousand

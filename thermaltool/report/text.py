@@ -100,11 +100,13 @@ def range_messages(
 def unit_message(suspect: UnitSuspect) -> str:
     """That a channel may be in another unit, and the line of a map that turns it."""
     unit = printed(parse_channel(suspect.channel).unit)
-    return (
-        f"{suspect.channel}: its size is {suspect.logged:.4g} {unit} here, {suspect.seen:.4g} "
-        f"{unit} in the calibration: is this log in {printed(suspect.unit)}? A "
-        + map_line(suspect.channel, suspect.channel, suspect.unit)
-    )
+    here, there = (f"{size:.4g} {unit}".rstrip() for size in (suspect.logged, suspect.seen))
+    where = "by the model" if suspect.by_model else "in the calibration"
+    told = f"{suspect.channel}: its size is {here} here, {there} {where}: is this log in "
+    if suspect.unit is None:
+        return f"{told}another unit?"
+    line = map_line(suspect.channel, suspect.channel, suspect.unit)
+    return f"{told}{printed(suspect.unit)}? A {line}"
 
 
 def spared_map_message(log: Log) -> str:
