@@ -34,7 +34,7 @@ _OF_RESPONSES = ("drives", "sensors", "deflections", "responses", "fixed", "refe
               help="Output that will be computed; repeatable.")  # fmt: skip
 @click.option("--response", "responses", multiple=True, metavar="CHANNEL=KIND",
               help="Kind of response: conduction, slab, rod, deflection, joint_deflection, "
-              "rational1 (a lag) to rational12.  "
+              "oscillation, rational1 (a lag) to rational12, these with _direct, too.  "
               "[default: chosen by evidence and held-out rows]")  # fmt: skip
 @click.option("--fix", "fixed", multiple=True, metavar="NAME=VALUE",
               help="A parameter that is not fitted, e.g. r0=0.12 "

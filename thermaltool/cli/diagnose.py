@@ -46,6 +46,7 @@ OUTCOMES = {"adequate": (0, "green"), "not adequate": (DID_NOT_PASS, "red"),
 @click.option(
     "--limits",
     default="",
+    show_default=False,
     metavar="switch=TIME,run=TIME,fixed=CHANNEL,set=CHANNEL",
     help="What experiments may ask for: shortest time between switches, longest run (with units: "
     "30s, 4h), channels that cannot be set, temperatures that can.  "

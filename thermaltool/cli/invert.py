@@ -11,7 +11,10 @@ from thermaltool.cli.types import DURATION, NUMBER
 from thermaltool.documents import write_json
 
 
-@click.command(epilog="Example: thermaltool invert model.json --dt 0.5 --window 1200 -o kernel.csv")
+@click.command(
+    epilog="Example: thermaltool regularize model.json --form kernel | "
+    "thermaltool invert - -o kernel.csv"
+)
 @shared.model_argument
 @click.option(
     "--dt",
