@@ -3,7 +3,11 @@
 from __future__ import annotations
 
 import json
+import re
 import sys
+from collections.abc import Iterable
+from contextlib import suppress
+from datetime import datetime
 from typing import Any
 
 from thermaltool.errors import ModelError
@@ -33,11 +37,13 @@ def parse_json(text: str, source: str, purpose: str = "") -> Any:
         half a surrogate pair. Each names the source and the place.
     """
     try:
-        document = json.loads(text, parse_int=_integer)
+        document = json.loads(text, parse_int=_integer, object_pairs_hook=unique_keys)
     except json.JSONDecodeError as error:
         raise ModelError(f"{source}:{error.lineno}: not JSON: {error.msg}{purpose}") from error
     except RecursionError as error:
         raise ModelError(f"{source}: {TOO_DEEP}{purpose}") from error
+    except KeyTwiceError as error:
+        raise ModelError(f"{source}: {error}") from error
     if fault := first_fault(document):
         raise ModelError(f"{source}: {fault}")
     return document
@@ -55,7 +61,7 @@ def parse_toml(data: bytes, source: str) -> dict[str, Any]:
     import tomllib
 
     try:
-        table = tomllib.loads(data.decode())
+        table = tomllib.loads(data.decode("utf-8-sig"))
     except RecursionError as error:
         raise ModelError(f"{source}: {TOO_DEEP}") from error
     except ValueError as error:  # of TOML, of UTF-8, or an integer of some thousand digits
@@ -63,6 +69,61 @@ def parse_toml(data: bytes, source: str) -> dict[str, Any]:
     if fault := first_fault(table):
         raise ModelError(f"{source}: {fault}")
     return table
+
+
+class KeyTwiceError(ValueError):
+    """An object of JSON in which two values have one key."""
+
+
+def unique_keys(pairs: Iterable[tuple[str, Any]]) -> dict[str, Any]:
+    """An object of JSON by its keys.
+
+    Parameters
+    ----------
+    pairs : iterable of (key, value)
+
+    Raises
+    ------
+    KeyTwiceError
+        One key has two values, of which any may be meant.
+    """
+    found: dict[str, Any] = {}
+    for key, value in pairs:
+        if key in found:
+            raise KeyTwiceError(f"the key {key!a:.60} is there twice")
+        found[key] = value
+    return found
+
+
+def numbers_among(words: Iterable[str]) -> list[float]:
+    """The words that are numbers, as such.
+
+    Parameters
+    ----------
+    words : iterable of str
+    """
+    numbers = []
+    for word in words:
+        with suppress(ValueError):
+            numbers.append(float(word))
+    return numbers
+
+
+def is_time_pattern(text: str) -> bool:
+    """Whether stamps can be read by a pattern.
+
+    Parameters
+    ----------
+    text : str
+        As `datetime.strptime` takes it.
+    """
+    try:
+        datetime.strptime("", text)
+    except re.error:
+        return False
+    except ValueError as error:  # of a good one, that it is not matched
+        return "does not match" in str(error)
+    return not text
 
 
 def _integer(digits: str) -> float:

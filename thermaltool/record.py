@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import json
+import re
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from difflib import get_close_matches
@@ -24,6 +26,8 @@ MAX_UNEVENNESS = 0.02
 SINCE_1970 = 5e8
 
 
+# A key of TOML without quotes.
+_BARE_KEY = re.compile(r"[A-Za-z0-9_-]+")
 _SIDES: tuple[Literal["left", "right"], ...] = ("left", "right")
 # Gaps that are printed one by one.
 MAX_PRINTED_GAPS = 5
@@ -293,7 +297,8 @@ def map_line(column: str, channel: str, unit: str) -> str:
     unit : str
         Of the column.
     """
-    line = f'{column} = {{ name = "{channel}", unit = "{unit}" }}'
+    key = column if _BARE_KEY.fullmatch(column) else json.dumps(column, ensure_ascii=False)
+    line = f'{key} = {{ name = "{channel}", unit = "{unit}" }}'
     return f"line under [columns] of a map turns it: {line}"
 
 

@@ -41,6 +41,14 @@ def test_a_clock_that_was_set_back_is_followed_after_the_hold():
     assert shifts == [-100.0]
 
 
+def test_a_clock_that_was_set_back_and_then_paused_is_followed():
+    check = ClockCheck(nobody, hold=2.0)
+    times = [1e5, 1e5 + 1, 1.0, 2.0, 9002.0, 9003.0, 9004.0, 9005.0, 9006.0]
+    seconds = checked(check, times)[0]
+    assert seconds[2:7] == [None] * 5
+    assert seconds[7:] == [3.0, 1.0]
+
+
 @pytest.mark.parametrize("ahead", [6.0, 1e5])
 def test_one_time_far_ahead_is_forgotten(ahead):
     seconds, said, _ = checked(ClockCheck(nobody, expected=1.0), [0.0, ahead, 1.0, 2.0])

@@ -13,6 +13,7 @@ from thermaltool.runtime.rows.row import Row
 from thermaltool.runtime.sensing.leave_one_out import LeaveOneOut
 from thermaltool.runtime.sensing.vote import Vote
 from thermaltool.runtime.settings import Settings
+from thermaltool.runtime.stepper import Stepper
 
 TICKS, JITTER = round(PERIOD / CLOCK_STEP), round(0.012 / CLOCK_STEP)
 
@@ -70,6 +71,27 @@ def test_what_is_left_out_is_told_by_the_state(watched):
         again.resume([*watched.state()[:-1], [[True], 7]])
 
 
+def test_filters_that_start_beside_a_kept_one_are_not_trusted_until_they_settle(watched):
+    """A stream that trusted its sensors has kept the full filter alone."""
+    values = readings(4000)
+    alone = Stepper(pipeline(3).estimator, PERIOD)
+    alone.start(values[0].tolist())
+    for row in values[1:1000]:
+        alone.step(TICKS, row.tolist())
+    watched.resume(alone.state())
+    settled = watched.settling_time / PERIOD
+    assert settled < 2000
+    for k, row in enumerate(values[1000:], 1):
+        watched.step(TICKS, row.tolist())
+        if k < settled:
+            assert np.isnan(watched.residuals).all()
+            assert not watched.can_do_without([0])
+    assert watched.can_do_without([0])
+    # And the other way round: the full one goes on alone.
+    alone.resume(watched.state())
+    np.testing.assert_array_equal(alone.state(), watched.state()[0])
+
+
 def test_a_contradiction_counts_by_its_size_and_goes_again():
     vote = Vote([1.0, 1.0, 1.0], patience=10.0)
     for _ in range(9):
@@ -114,3 +136,16 @@ def test_with_a_sensor_left_out_set_points_go_no_farther_than_the_calibration():
     assert process.status == "reduced"
     assert process.values()[0] == -90.0
     assert Limits(-90.0, 0.0).clip(free) == -90.0
+
+
+def test_what_is_safe_is_so_with_a_sensor_left_out():
+    """It may lie outside what the calibration has seen; a ramp towards it would never end."""
+    process = offsets(machine(3), Settings(slew=1e6, safe=50.0), Messages(lambda line: None))
+    for k in range(3000):
+        read = [20.0, 20.0 if k < 1500 else np.nan, 20.0 if k < 1000 else np.nan]
+        process.take(Row(PERIOD * k, read, ("",) * 3))
+        if k == 1400:
+            assert process.status == "reduced"
+    assert process.status == "safe"
+    assert process.values()[0] == 50.0
+    assert process.at_safe

@@ -199,9 +199,28 @@ def test_a_design_without_standard_errors_and_states_of_others():
     monitor = Monitor(wall_estimator(), DESIGN, DT, print, bands=True, lag=10.0, level=[LEVEL])
     other = Monitor(wall_estimator(1), {}, DT, print, bands=False, lag=10.0)
     other.start([0.0], "rest")
-    for state in ([None, None, [0.0]], other.state(), [[[1.0], []], [[1.0], 1.0, 1.0], [0.0]]):
+    for state in ([None, None, [0.0]], [[[1.0], []], [[1.0], 1.0, 1.0], [0.0]]):
         with pytest.raises(ValueError, match="not a state"):
             monitor.resume(state)
+
+
+def test_what_a_kept_state_lacks_begins_as_on_a_warm_machine():
+    """Bands are asked for at a restart; a machine at rest would be another one."""
+    generator, rows = np.random.default_rng(44), 1500
+    y = readings(Wall(), rows, generator)
+    before = Monitor(wall_estimator(), DESIGN, DT, print, bands=False, lag=10.0, level=[LEVEL])
+    before.start(y[0], "rest")
+    for row in y[1:700]:
+        before.step(TICKS, row, True)
+    for state in (before.state(), None):
+        said = []
+        after = Monitor(wall_estimator(), DESIGN, DT, lambda *each, to=said: to.append(each[1]),
+                        bands=True, lag=10.0, level=[LEVEL])  # fmt: skip
+        after.resume(state)
+        for row in y[700:]:
+            after.step(TICKS, row, True)
+        assert len(said) == 1
+        assert said[0].endswith("they begin as those of a warm machine")
 
 
 @pytest.mark.slow

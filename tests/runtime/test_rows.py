@@ -154,6 +154,56 @@ def test_a_period_counts_bad_lines_too():
     assert [records.row(line).time for line in (b"1", b"x", b"1,2", b"3")] == [0, 0.5, 1, 1.5]
 
 
+def test_a_header_that_lacks_what_is_read_is_one():
+    rows = csv()
+    assert rows.is_header(b"time_s,dT_other_K,n_rpm")
+    assert not rows.is_header(b"1.5,0.1,0")
+    assert "no column dT_pair1_K" in rows.reopen(b"time_s,dT_other_K,n_rpm", 1.0)
+    assert math.isnan(rows.row(b"2,0.5,0").readings[0])
+
+
+def test_separators_behind_the_last_cell_are_no_cells():
+    assert csv(b"time_s,dT_pair1_K,,").row(b"1,0.5,,").readings == [0.5]
+    assert csv().row(b"1,0.5,0,,").readings == [0.5]
+    assert "4 fields instead of 3" in csv().row(b"1,0.5,0,7").faults[0]
+
+
+@pytest.mark.parametrize("twice", [b"time_s", b"dT_pair1_K"])
+def test_what_is_read_is_there_once(twice):
+    with pytest.raises(LogError, match="there twice"):
+        csv(b"time_s,dT_pair1_K," + twice)
+
+
+def test_lines_that_a_map_skips(tmp_path):
+    path = tmp_path / "map.toml"
+    path.write_text("skip = 2\nskip_after_names = 1\n[columns]\nx = 'dT_pair1_K'\n")
+    rows = CsvRows(Wanted(PAIR, mapping=read_map(str(path))))
+    lines = [b"Logger X", b"", b"time_s,x", b"s,K", b"0,1", b"1,2"]
+    taken = []
+    for number, line in enumerate(lines, 1):
+        if not rows.skips(line, number) and (rows.clock is not None or rows.open(line)):
+            taken.append(rows.row(line).readings)
+    assert taken == [[1.0], [2.0]]
+    # Lines with the channels' own names have no such head.
+    own = CsvRows(Wanted(PAIR, mapping=read_map(str(path))))
+    assert not own.skips(b"time_s,dT_pair1_K", 1)
+
+
+def test_two_columns_of_one_channel(tmp_path):
+    path = tmp_path / "map.toml"
+    path.write_text("[columns]\nx = 'dT_pair1_K'\n")
+    with pytest.raises(LogError, match="two columns are mapped to dT_pair1_K"):
+        csv(b"x,time_s,dT_pair1_K", mapping=read_map(str(path)))
+
+
+def test_a_header_is_no_period():
+    rows = csv(b"dT_pair1_K", clock=PeriodClock(0.5))
+    rows.row(b"1")
+    rows.row(b"dT_pair1_K")
+    rows.clock.take_back()
+    assert rows.row(b"2").time == 0.5
+
+
 def test_foreign_names_scales_and_decimal_commas(tmp_path):
     path = tmp_path / "map.toml"
     path.write_text(

@@ -172,6 +172,14 @@ def test_a_name_with_a_percent_sign_in_both_texts():
         assert output.data.decode().splitlines()[-1] == last
 
 
+def test_a_stamp_with_a_decimal_comma_is_one_cell():
+    output = Output()
+    sink = open_sink("csv", output)
+    sink.open(("time", "x_um"))
+    sink.write([("2024-01-01 12:00:00,500", [1.5])])
+    assert output.data.decode().splitlines()[-1] == '"2024-01-01 12:00:00,500",1.5'
+
+
 def test_a_missing_time():
     for form, last in (("csv", ",0.5"), ("ndjson", '{"time_s": null, "x_um": 0.5}')):
         output = Output()

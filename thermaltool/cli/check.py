@@ -64,6 +64,8 @@ def command(
 
     if resample and not output:
         raise click.UsageError("--resample needs -o: where to write the resampled log")
+    if output:
+        shared.keep_inputs(output, log, *filter(None, (options["columns"], map_file)))
     if map_file is not None:
         if options["columns"] is not None or log == "-":
             raise click.UsageError("--write-map takes a file, and no --columns")

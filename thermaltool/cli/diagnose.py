@@ -44,14 +44,12 @@ OUTCOMES = {"adequate": (0, "green"), "not adequate": (DID_NOT_PASS, "red"),
     "outputs; repeatable. Each cause is told against it.  [default: none]",
 )
 @click.option(
-    "--limits",
-    default="",
-    show_default=False,
+    "--limits", default="", show_default=False,
     metavar="switch=TIME,run=TIME,fixed=CHANNEL,set=CHANNEL",
     help="What experiments may ask for: shortest time between switches, longest run (with units: "
     "30s, 4h), channels that cannot be set, temperatures that can.  "
     "[default: a working day or the longest log]",
-)
+)  # fmt: skip
 @click.option(
     "--fail-above",
     type=NumberRange(0, 1),

@@ -11,6 +11,7 @@ from numpy.typing import NDArray
 from thermaltool.errors import LogError
 from thermaltool.logs.log import Log
 from thermaltool.record import Array
+from thermaltool.units import hold_of
 
 # A pause this many periods long ends a burst; a pause GAP_PERIODS long ends a segment.
 BURST_PERIODS = 3.0
@@ -121,7 +122,10 @@ def far_from_neighbours(steps: Array, long: NDArray[np.intp], factor: float) -> 
 
 
 def resample(log: Log, period: float) -> Log:
-    """The log on an even clock, by linear interpolation within its segments.
+    """The log on an even clock, between its rows as its channels are taken everywhere.
+
+    Heats, speeds and other commands are held, temperatures and displacements go along straight
+    lines.
 
     Parameters
     ----------
@@ -156,8 +160,15 @@ def resample(log: Log, period: float) -> Log:
         pieces.append((log.time[0] + period * np.arange(first, last + 1), part))
     pieces = [(grid, part) for grid, part in pieces if grid.size]
     time = np.concatenate([grid for grid, _ in pieces]) if pieces else np.empty(0)
+
+    def between(name: str, values: Array, grid: Array, part: slice) -> Array:
+        if hold_of(name) == "first":
+            return np.interp(grid, log.time[part], values[part])
+        rows = np.searchsorted(log.time[part], grid + 1e-6 * period, side="right") - 1
+        return values[part][rows]
+
     columns = {
-        name: np.concatenate([np.interp(g, log.time[p], x[p]) for g, p in pieces])
+        name: np.concatenate([between(name, x, *piece) for piece in pieces])
         if pieces
         else np.empty(0)
         for name, x in log.columns.items()

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import codecs
 import math
 import os
 from collections.abc import Iterable, Iterator, Mapping, Sequence
@@ -15,15 +14,14 @@ from thermaltool.documents import finite
 from thermaltool.errors import LogError, ModelError, UnitError
 from thermaltool.logs.computed import Angle, Computed, Difference, Power, difference_fits
 from thermaltool.logs.foreign_units import to_unit
-from thermaltool.parsing import parse_toml
+from thermaltool.logs.table import equals_any
+from thermaltool.parsing import is_time_pattern, parse_toml
 from thermaltool.record import Array, hint
 from thermaltool.sources import read_input
 from thermaltool.units import UNITS, clock_unit, parse_channel
 
 # Where a column map is: in a file, or the entries of its table ``[columns]``, the clock among them.
 Columns: TypeAlias = str | os.PathLike[str] | Mapping[Any, Any]
-
-
 # What rows of one time become: the first of them, their mean, or rows spread up to the next time.
 DUPLICATES = ("first", "mean", "spread")
 
@@ -75,7 +73,9 @@ class Rename:
         """
         if self.missing or self.valid != (-math.inf, math.inf):
             bad = (
-                np.isin(values, self.missing) | (values < self.valid[0]) | (values > self.valid[1])
+                equals_any(values, self.missing)
+                | (values < self.valid[0])
+                | (values > self.valid[1])
             )
             values = np.where(bad, np.nan, values)
         if self.scale == 1.0 and self.offset == 0.0:
@@ -246,6 +246,8 @@ def _clock(entry: Any) -> Clock:
     pattern = entry.get("format")
     if pattern is not None:
         _typed("time.format", pattern, str)
+        if not is_time_pattern(pattern):
+            raise _MapError(f"time.format: {pattern!r} is none, or says one part twice")
     times = [unit for unit, (dimension, _) in UNITS.items() if dimension == "time"]
     unit = _choice("time.unit", entry.get("unit", "iso" if pattern else "s"), [*times, "iso"])
     if pattern and unit != "iso":
@@ -267,11 +269,8 @@ def _rename(name: str, entry: Any) -> Rename | None:
         return Rename(parse_channel(entry).name)
     if not isinstance(entry, dict):
         raise _MapError(f"columns.{name} must be a name, a table with a name, or false")
-    _keys(
-        f"columns.{name}",
-        entry,
-        ("name", "scale", "offset", "unit", "valid", "missing", "optional"),
-    )
+    known = ("name", "scale", "offset", "unit", "valid", "missing", "optional")
+    _keys(f"columns.{name}", entry, known)
     # A column with limits alone keeps its name.
     own = entry.get("name", name if {"valid", "missing", "optional"} & set(entry) else None)
     channel = parse_channel(_typed(f"columns.{name}.name", own, str))
@@ -355,7 +354,7 @@ def _dialect(document: Mapping[str, Any]) -> Dialect:
     missing = _typed("missing", document.get("missing", []), list)
     encoding = _typed("encoding", document.get("encoding", "utf-8"), str)
     try:
-        codecs.lookup(encoding)
+        "".encode(encoding)  # of text: hex and the like are none
     except LookupError as error:
         raise _MapError(f"encoding: {encoding!r} is none, like 'cp1252' or 'utf-16'") from error
     return Dialect(

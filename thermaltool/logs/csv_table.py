@@ -19,6 +19,7 @@ from thermaltool.logs.table import (
     Kind,
     Values,
     first_faults,
+    marked_missing,
     read_columns,
 )
 from thermaltool.logs.text import row_lines
@@ -28,6 +29,7 @@ from thermaltool.record import Array
 FAST_BYTES = 500_000
 NAN_WORDS = ("nan", "NaN", "NAN", "Nan")
 BOM = b"\xef\xbb\xbf"
+GZIP = b"\x1f\x8b"
 UTF_16 = (b"\xff\xfe", b"\xfe\xff")
 
 
@@ -69,6 +71,8 @@ class CsvTable:
             raise LogError("the file is empty: a log begins with a line of names", self.file)
         if data.startswith(b"PAR1"):
             raise LogError("this is Parquet, not CSV: use --from parquet", self.file)
+        if data.startswith(GZIP):
+            raise LogError("compressed: zcat LOG | thermaltool check -", self.file)
         if b"\0" in data:
             self._fail_at(
                 data, data.index(b"\0"), "not text: NUL bytes (UTF-16, or a write cut short)"
@@ -166,6 +170,7 @@ class CsvTable:
             kinds,
             lambda i, name: self._numbers(name, columns[i], lines),
             lambda i: [cell if cell.strip() else None for cell in columns[i]],
+            self.dialect.missing,
         )
         lines_read = np.array(lines, dtype=np.intp)
         return Cells(values, lines_read, first_faults(ragged) + problems, unfinished)
@@ -193,11 +198,9 @@ class CsvTable:
             if number is None:
                 word = cell.strip()
                 what = "infinite" if _is_number(word) and "_" not in word else "not a number"
-                if (
-                    self.dialect.decimal == "."
-                    and "," in word
-                    and _is_number(word.replace(",", ".", 1))
-                ):
+                if self.dialect.decimal == "," and "." in word:
+                    what = "a point, where decimals have a comma"
+                elif "," in word and _is_number(word.replace(",", ".", 1)):
                     what = "a decimal comma (say decimal = ',' in a map for --columns)"
                 faults.append(LogError(f"{what}: {word!r}", self.file, lines[i], name))
                 number = np.nan
@@ -206,17 +209,18 @@ class CsvTable:
 
     def _number(self, cell: str) -> float | None:
         """A finite number, NaN where the cell is missing, None where it is neither."""
+        word = cell.strip()
         if self.dialect.decimal != ".":
-            cell = cell.replace(self.dialect.decimal, ".")
+            # A point is one of thousands there.
+            cell = "" if "." in cell else cell.replace(self.dialect.decimal, ".")
         try:
             value = float(cell)
         except ValueError:
-            word = cell.strip()
             return np.nan if not word or word in self.dialect.missing else None
         # Python reads 1_000 as a number; no logger writes that.
         if value in (np.inf, -np.inf) or "_" in cell:
             return None
-        return np.nan if cell.strip() in self.dialect.missing else value
+        return np.nan if word in self.dialect.missing else value
 
     def _fast(self, kinds: Sequence[Kind]) -> Cells | None:
         """The same by pyarrow; None where anything calls for the exact reader."""
@@ -259,7 +263,7 @@ class CsvTable:
                 array = table[str(i)].to_numpy().astype(np.float64, copy=False)
                 if np.isinf(array).any():
                     return None
-                values.append(array)
+                values.append(marked_missing(array, self.dialect.missing))
             else:
                 values.append(table[str(i)].to_pylist() if kind else None)
         return Cells(values, np.arange(first + 1, first + 1 + count))

@@ -32,6 +32,8 @@ MIN_NUMBERS = 0.6
 MAX_MESSAGE_KEYS = 8
 MAX_WORDS = 6
 _NUMBER = re.compile(r"[-+]?(\d+([.,]\d*)?|[.,]\d+)([eE][-+]?\d+)?")
+# Groups of thousands, which no command reads: for check to find.
+_THOUSANDS = re.compile(r"[-+]?\d{1,3}(?:[.,' ]\d{3})+(?:[.,]\d+)?")
 # Letters that are typed in place of digits.
 _LOOK_ALIKE = str.maketrans("OoIlSB", "001158")
 
@@ -190,7 +192,11 @@ def _written(file: str, draft: _Draft, table: Table) -> DraftedMap:
         values, odd = _as_numbers(column, mapping.dialect.decimal)  # type: ignore[arg-type]
         if np.isfinite(values).mean() >= MIN_NUMBERS or (not odd and not texts.get(name)):
             numbers[name] = values
-            mistyped = [word for word, times in odd.items() if times == 1 and _is_typo(word)]
+            mistyped = [
+                word
+                for word, times in odd.items()
+                if (times == 1 and _is_typo(word)) or _THOUSANDS.fullmatch(word)
+            ]
             typos += [f"{word!r} in {name}" for word in mistyped]
             words += [word for word in odd if word not in words and word not in mistyped]
         elif odd and len(odd) <= MAX_WORDS and mapping.messages and np.isfinite(values).any():
@@ -246,6 +252,8 @@ def _as_numbers(column: Sequence[str | None], decimal: str) -> tuple[Array, Coun
         if not word:
             continue
         try:
+            if decimal != "." and "." in word:  # of thousands
+                raise ValueError
             number = float(word.replace(decimal, "."))
         except ValueError:
             odd[word] += 1
@@ -295,6 +303,7 @@ def _head_lines(mapping: ColumnMap) -> list[str]:
 
 
 def _clock_lines(clock: Clock, reason: str) -> list[str]:
+    reason = _in_a_comment(reason)
     if clock.column is None:
         return [f"period = {clock.period}  # {reason}"]
     names = clock.columns
@@ -322,9 +331,10 @@ def _column_line(
     guess = guess_channel(name, unit, numbers[name])
     if guess.name is None:
         why = "no unit known" if np.isfinite(numbers[name]).any() else "no numbers"
-        return f"{_quoted(name)} = false  # {guess.reason}", why
+        return f"{_quoted(name)} = false  # {_in_a_comment(guess.reason)}", why
+    reason = _in_a_comment(guess.reason)
     own = distinct(guess.name, taken)
     if guess.unit is None:
-        return f"{_quoted(name)} = {_quoted(own)}  # {guess.reason}", ""
+        return f"{_quoted(name)} = {_quoted(own)}  # {reason}", ""
     entry = f"{{ name = {_quoted(own)}, unit = {_quoted(guess.unit)} }}"
-    return f"{_quoted(name)} = {entry}  # {guess.reason}", ""
+    return f"{_quoted(name)} = {entry}  # {reason}", ""

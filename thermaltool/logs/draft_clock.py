@@ -13,7 +13,7 @@ from thermaltool.logs.columns import Clock
 from thermaltool.logs.foreign_units import known_unit
 from thermaltool.logs.time_stamps import MIDNIGHT, joined_stamps
 from thermaltool.record import Array
-from thermaltool.units import UNITS
+from thermaltool.units import UNITS, clock_unit
 
 Texts = Sequence[str | None]
 
@@ -32,6 +32,8 @@ _BETWEEN = (" ", "-", ", ", "_", "T")
 _EPOCHS = ((1e17, "ns"), (1e14, "us"), (1e11, "ms"), (5e8, "s"))
 # Days as a workbook and as MATLAB count them, in this century.
 _DAYS = ((36_000.0, 60_000.0), (730_000.0, 770_000.0))
+# A clock goes back in this part of its steps at most.
+MOST_BACKWARD = 0.05
 # Stamps that a pattern is tried on.
 MAX_TRIED = 200
 
@@ -47,7 +49,10 @@ def guess_clock(
         Columns that hold no numbers.
     numbers : mapping of str to ndarray, shape (n,)
     """
+    unit = clock_unit([*texts, *numbers])
+    own = None if unit is None else "time" if unit == "iso" else f"time_{unit}"
     by_name = [name for name in (*texts, *numbers) if _NAMES.search(name)]
+    by_name.sort(key=lambda name: name != own)
     others = [name for name in texts if name not in by_name]
     for name in (*by_name, *others):
         if name in numbers:
@@ -61,13 +66,21 @@ def guess_clock(
 
 def _of_numbers(name: str, values: Array) -> tuple[Clock, str] | None:
     present = values[np.isfinite(values)]
-    if len(present) < 2 or np.any(np.diff(present) < 0) or present[0] == present[-1]:
+    # What goes back now and then is a clock of which `check` says so.
+    backward = float(np.mean(np.diff(present) < 0)) if len(present) > 1 else 1.0
+    if (unit := clock_unit([name])) not in (None, "iso"):
+        return Clock(name, unit), f"{unit} by its name"
+    if backward > MOST_BACKWARD or present[0] == present[-1]:
         return None
     first, step = float(present[0]), float(np.median(np.diff(present)))
     for word in reversed(re.findall(r"[A-Za-zµμ]+", name)):
-        unit = known_unit(word)
-        if unit is not None and UNITS[unit[0]][0] == "time" and word.lower() != name.lower():
-            return Clock(name, unit[0]), f"{unit[0]} by its name"
+        found = known_unit(word)
+        if found is None or word.lower() == name.lower():
+            continue
+        if UNITS[found[0]][0] == "time":
+            return Clock(name, found[0]), f"{found[0]} by its name"
+        if UNITS[found[0]][0].startswith("temperature"):
+            return None
     for limit, own in _EPOCHS:
         if first > limit:
             return Clock(name, own), f"guessed: {own} since 1970 from {first:.10g}"

@@ -11,7 +11,7 @@ import re
 from collections.abc import Mapping
 from typing import TYPE_CHECKING, Any, BinaryIO, NamedTuple, Protocol, cast
 
-from thermaltool.errors import LogError
+from thermaltool.errors import LogError, OutputError
 
 if TYPE_CHECKING:
     import numpy as np
@@ -83,6 +83,24 @@ _STATS = re.compile(rb"^(?:[-\d]{4,10} [:.\d]{5,15}:)?Stats \d+\.\d+: ", re.MULT
 def format_of(target: str, chosen: str | None) -> str:
     """The format of a file or pipe: as chosen, else by suffix, else CSV."""
     return chosen or _by_suffix(target, FORMATS) or DEFAULT_FORMAT
+
+
+def written_format_of(target: str, chosen: str | None) -> str:
+    """The format of a table that is written; as `format_of`.
+
+    Raises
+    ------
+    OutputError
+        By its suffix the file would be of a format that is not written.
+    """
+    suffix = os.path.splitext(target)[1].lower()
+    others = {each for form in FOREIGN.values() for each in form.suffixes} | {".xls", ".gz", ".zip"}
+    if chosen is None and suffix in others - {
+        each for f in FORMATS.values() for each in f.suffixes
+    }:
+        known = ", ".join(FORMATS)
+        raise OutputError(f"{target}: no {suffix} is written, but {known}; --to says which")
+    return format_of(target, chosen)
 
 
 def read_format_of(source: InputBytes, chosen: str | None) -> str:

@@ -85,7 +85,7 @@ class FrameTable:
             return np.full(self._rows, np.nan), [error]
         if column.dtype.kind != "O":
             array = column.to_numpy(dtype=np.float64, na_value=np.nan)
-        array, infinite = without_infinity(array, self.file, name)
+        array, infinite = without_infinity(array, self.file, name, self._lines)
         return array, faults + infinite
 
     @property
@@ -102,7 +102,9 @@ class FrameTable:
 
 def _stamp(value: Any) -> str | None:
     """A time stamp as ISO 8601, None where it is missing."""
-    if value is None or value != value:
+    import pandas
+
+    if pandas.isna(value):
         return None
     return value.isoformat() if hasattr(value, "isoformat") else str(value)
 
@@ -115,7 +117,8 @@ def _cell_by_cell(column: Any, words: Sequence[str], decimal: str) -> tuple[Arra
         if missing or word == "" or word in words:
             continue
         if decimal != "." and isinstance(word, str):
-            word = word.replace(decimal, ".")
+            # A point is one of thousands there.
+            word = "" if "." in word else word.replace(decimal, ".")
         try:
             # Python reads 1_000 and True as numbers; no logger means that.
             if isinstance(word, bool | np.bool_) or "_" in str(word):

@@ -28,7 +28,7 @@ class Segment:
 def open_table(source: InputBytes, mapping: ColumnMap) -> FrameTable:
     """The channels of an .lvm file, with the clock ``time_s`` of its X values.
 
-    The X values of further segments count from the start of the first.
+    The X values of further segments count from the start of the first, unless they are absolute.
 
     Raises
     ------
@@ -43,7 +43,8 @@ def open_table(source: InputBytes, mapping: ColumnMap) -> FrameTable:
     names = segments[0].names
     if any(each.names != names for each in segments):
         raise LogError("segments of different channels: cut the file", source.name)
-    start = _moment(segments[0].fields) or _moment(head)
+    absolute = head.get("Time_Pref", [""])[:1] == ["Absolute"]
+    start = None if absolute else _moment(segments[0].fields) or _moment(head)
     time: list[float] = []
     rows: list[list[str]] = []
     lines: list[int] = []
@@ -99,6 +100,9 @@ def _segments(text: str, file: str) -> tuple[dict[str, list[str]], list[Segment]
             state = "rows"
         else:
             names = segments[-1].names
+            if any(cells[len(names) :]):
+                message = f"{len(cells)} cells where the header has {len(names)}"
+                raise LogError(message, file, line)
             segments[-1].rows.append((cells + [""] * len(names))[: len(names)])
             segments[-1].lines.append(line)
     if not segments:

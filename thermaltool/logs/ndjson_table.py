@@ -22,6 +22,7 @@ from thermaltool.logs.table import (
     read_columns,
 )
 from thermaltool.logs.text import row_lines
+from thermaltool.parsing import unique_keys
 from thermaltool.record import Array
 
 # Keys of messages of one sensor each, in lower case and without what they are nested in.
@@ -114,8 +115,9 @@ class NdjsonTable:
         self.unfinished: LogError | None = None
         self.records: list[tuple[Any, ...]] = []
         names: tuple[str, ...] = ()
+        keys: tuple[str, ...] = ()
         # Integers as floats: one too long for a float becomes infinite, not an OverflowError.
-        decode = json.JSONDecoder(parse_int=float).decode
+        decode = json.JSONDecoder(parse_int=float, object_pairs_hook=unique_keys).decode
         for line, row in enumerate(io.BytesIO(source.data.removeprefix(b"\xef\xbb\xbf")), 1):
             if not row.strip() or row.startswith(b"#"):
                 continue
@@ -123,6 +125,9 @@ class NdjsonTable:
                 record = decode(row.decode())
                 if not isinstance(record, dict):
                     raise ValueError("something else")
+                if tuple(record) != keys:
+                    "".join(record).encode()  # half a surrogate pair is no name
+                    keys = tuple(record)
             except (ValueError, RecursionError) as error:
                 if row.endswith(b"\n"):
                     self.faults.append(LogError(f"not a JSON object: {error}", self.file, line))

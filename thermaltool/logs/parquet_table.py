@@ -58,7 +58,13 @@ class ParquetTable:
         return Cells(values, np.arange(1, self.table.num_rows + 1), problems)
 
     def _text(self, i: int) -> list[str | None]:
-        stamps: list[str | None] = self.table.column(i).cast("string").to_pylist()
+        import pyarrow
+
+        column = self.table.column(i)
+        try:
+            stamps: list[str | None] = column.cast("string").to_pylist()
+        except pyarrow.ArrowException:  # lists and the like
+            stamps = [None] * len(column)
         return stamps
 
     def _numbers(self, i: int, name: str) -> tuple[Array, list[LogError]]:
@@ -66,7 +72,8 @@ class ParquetTable:
 
         column = self.table.column(i)
         numeric = (
-            pyarrow.types.is_integer(column.type)
+            pyarrow.types.is_null(column.type)
+            or pyarrow.types.is_integer(column.type)
             or pyarrow.types.is_floating(column.type)
             or pyarrow.types.is_decimal(column.type)
         )

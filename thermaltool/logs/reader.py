@@ -164,13 +164,14 @@ def read_log(
     problems += beyond
     log = merged(log, duplicates or mapping.duplicates, plan.clock.within)
     log = _without_gaps(log, need, nan_policy, outputs)
-    missing = [] if not strict else _first_missing(log, plan.clock.column)
-    disorder = [*disorder, *missing, *_disorder(log, plan.clock.column)]
-    if strict and disorder:
-        raise disorder[0]
+    missing = _missing_times(log, plan.clock.column, [*problems, *disorder])
+    wrong = [*disorder, *missing, *_disorder(log, plan.clock.column)]
+    if strict and wrong:
+        raise wrong[0]
     if cells.unfinished:
         problems.append(cells.unfinished)
-    problems += first_faults(disorder)
+    for each in (disorder, missing, _disorder(log, plan.clock.column)):
+        problems += first_faults(each)
     log = replace(log, segments=segments(log.time, max_gap), problems=tuple(problems))
     return _left_out(log, faults, keep_spikes, need, outputs, nan_policy)
 
@@ -194,7 +195,7 @@ def _of_record(
     if faults := _within_range(record, "time_s")[1]:
         raise faults[0]
     log = _without_gaps(merged(record, duplicates), need, nan_policy, outputs)
-    if faults := [*_first_missing(log, "time_s"), *_disorder(log, "time_s")]:
+    if faults := [*_missing_times(log, "time_s"), *_disorder(log, "time_s")]:
         raise faults[0]
     return log if max_gap is None else replace(log, segments=segments(log.time, max_gap))
 
@@ -230,15 +231,20 @@ def _plan(file: str, table: Table, mapping: ColumnMap) -> _Plan:
         problems.append(LogError(message, file, table.header_line, name))
 
     for i, name in enumerate(table.names):
+        own = name in clock.columns
+        rename = None if own else mapping.rename(name)
+        if not own and (rename is None or rename.name in WORDS):
+            continue
         if name in seen:
             fault("this name is there twice", name)
             continue
         seen.add(name)
-        if name in clock.columns:
+        if rename is None:
             kinds[i] = "text" if clock.unit == "iso" else "number"
             continue
-        rename = mapping.rename(name)
-        if rename is None or rename.name in WORDS:
+        if rename.name == "time_s":
+            fault(f"time_s is the name of the clock, which is {clock.column or 'none'} here: "
+                  "[time] in a map names it, and false leaves a column out", name)  # fmt: skip
             continue
         if rename.name in taken:
             fault(f"two columns are mapped to {rename.name}", name)
@@ -364,9 +370,13 @@ def _without_gaps(log: Log, need: Sequence[str], policy: str, outputs: Sequence[
     return log
 
 
-def _first_missing(log: Log, clock: str | None) -> list[LogError]:
-    missing = np.flatnonzero(np.isnan(log.time))[:1]
-    return [LogError("missing time", log.name, int(log.lines[k]), clock) for k in missing]
+def _missing_times(log: Log, clock: str | None, told: Sequence[LogError] = ()) -> list[LogError]:
+    """Rows without a time, but for those whose cell is a fault already, and those counted there."""
+    of_clock = [each.line for each in told if each.column == clock]
+    if None in of_clock:
+        return []
+    lines = (int(log.lines[k]) for k in np.flatnonzero(np.isnan(log.time)))
+    return [LogError("missing time", log.name, k, clock) for k in lines if k not in of_clock]
 
 
 def _disorder(log: Log, clock: str | None) -> list[LogError]:

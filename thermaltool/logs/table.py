@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import contextlib
 import hashlib
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field
@@ -13,6 +12,7 @@ from numpy.typing import NDArray
 
 from thermaltool.documents import MAX_NUMBER, source_name
 from thermaltool.errors import LogError
+from thermaltool.parsing import numbers_among
 from thermaltool.record import Array
 from thermaltool.sources import read_input
 
@@ -94,18 +94,22 @@ def read_columns(
     for i, (name, kind) in enumerate(zip(names, kinds, strict=True)):
         if kind == "number":
             array, faults = numbers(i, name)
-            values.append(_marked_missing(array, missing))
+            values.append(marked_missing(array, missing))
             problems += first_faults(faults)
         else:
             values.append(text(i) if kind else None)
     return values, problems
 
 
-def without_infinity(array: Array, file: str, name: str) -> tuple[Array, list[LogError]]:
+def without_infinity(
+    array: Array, file: str, name: str, lines: NDArray[np.intp] | None = None
+) -> tuple[Array, list[LogError]]:
     """Numbers by row, NaN in the place of infinity, and where that is."""
     infinite = np.isinf(array)
+    lines = np.arange(1, len(array) + 1) if lines is None else lines
     faults = [
-        LogError(f"infinite: {array[k]}", file, int(k) + 1, name) for k in np.flatnonzero(infinite)
+        LogError(f"infinite: {array[k]}", file, int(lines[k]), name)
+        for k in np.flatnonzero(infinite)
     ]
     return np.where(infinite, np.nan, array), faults
 
@@ -139,13 +143,23 @@ def read_source(source: str) -> InputBytes:
         raise LogError(message, source_name(source)) from error
 
 
-def _marked_missing(values: Array, words: Sequence[str]) -> Array:
+def marked_missing(values: Array, words: Sequence[str]) -> Array:
     """The numbers, NaN where one is that of a word for a missing value (``-999``)."""
-    numbers = []
-    for word in words:
-        with contextlib.suppress(ValueError):
-            numbers.append(float(word))
-    return np.where(np.isin(values, numbers), np.nan, values) if numbers else values
+    numbers = numbers_among(words)
+    return np.where(equals_any(values, numbers), np.nan, values) if numbers else values
+
+
+def equals_any(values: Array, numbers: Sequence[float]) -> NDArray[np.bool_]:
+    """Where values are one of some numbers, in single precision where they have no more.
+
+    Parameters
+    ----------
+    values : ndarray, shape (n,)
+    numbers : sequence of float
+    """
+    with np.errstate(over="ignore"):
+        single, singles = values.astype(np.float32), np.array(numbers, np.float32)
+    return np.isin(values, numbers) | ((single == values) & np.isin(single, singles))
 
 
 def first_faults(problems: list[LogError]) -> list[LogError]:

@@ -40,10 +40,18 @@ def open_table(source: InputBytes, mapping: ColumnMap) -> FrameTable:
     lengths = {len(values) for values in columns.values()}
     if len(lengths) > 1:
         raise LogError(f"channels of different lengths in the group {group.name}", source.name)
-    steps = [each.properties.get("wf_increment") for each in channels]
-    if steps and steps[0] and len(set(steps)) == 1 and "time_s" not in columns:
-        begins = float(channels[0].properties.get("wf_start_offset", 0.0))
-        time = begins + float(steps[0]) * np.arange(next(iter(lengths)))
+    steps = {each.properties.get("wf_increment") for each in channels}
+    step = next(iter(steps)) if len(steps) == 1 else None
+    if step and "time_s" not in columns:
+        begins = {
+            (each.properties.get("wf_start_time"), each.properties.get("wf_start_offset", 0.0))
+            for each in channels
+        }
+        if len(begins) > 1:
+            message = f"channels of the group {group.name} begin at different times: cut the file"
+            raise LogError(message, source.name)
+        ((_, offset),) = begins
+        time = float(offset) + float(step) * np.arange(next(iter(lengths)))
         columns = {"time_s": time, **columns}
     units = {each.name: str(each.properties.get("unit_string", "")) for each in channels}
     return FrameTable(

@@ -8,7 +8,7 @@ import numpy as np
 
 from thermaltool.documents import atomic_output
 from thermaltool.errors import OutputError
-from thermaltool.logs.formats import format_of, load_format
+from thermaltool.logs.formats import load_format, written_format_of
 
 
 def write_table(
@@ -44,7 +44,7 @@ def write_table(
         infinite = np.flatnonzero(np.isinf(array))
         if infinite.size:
             raise OutputError(f"{target}: {name}: infinite value in row {infinite[0] + 1}")
-    form = load_format(format_of(target, to_format))
+    form = load_format(written_format_of(target, to_format))
     with atomic_output(target) as stream:
         form.write_columns(arrays, stream)
 

@@ -164,6 +164,9 @@ class ClockCheck:
             self._refused_from = time
             self._report_refusal(time, last)
         elapsed = time - self._refused_from
+        if elapsed >= DOUBTED_PAUSE:
+            # A pause of a clock that was set back, or another one: it has to hold from here on.
+            self._refused_from = time
         if not self.hold < elapsed < DOUBTED_PAUSE:
             return None
         self._follow(time, last, self._refused_from - last)

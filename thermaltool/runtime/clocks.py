@@ -45,6 +45,9 @@ class LineClock:
     written_name = "time_s"
     nothing_waited = False
 
+    def take_back(self) -> None:
+        """The last line was no row: where lines are counted, it does not count."""
+
     def written(self, seconds: float) -> float | Stamp:
         """A time as it is written."""
         return seconds
@@ -106,6 +109,9 @@ class StampClock(LineClock):
         )
         if self.epoch is None:
             self.epoch = moment
+        if (moment.tzinfo is None) != (self.epoch.tzinfo is None):
+            # The same clock on the wall, which says its zone or does not.
+            moment = moment.replace(tzinfo=self.epoch.tzinfo)
         seconds = (moment - self.epoch).total_seconds()
         self._last = Stamp(text, seconds)
         return seconds
@@ -173,6 +179,9 @@ class PeriodClock(LineClock):
             self._compare()
         self.count += 1
         return self.origin + self.count * self.period
+
+    def take_back(self) -> None:
+        self.count -= 1
 
     def _catch_up(self, arrived: float) -> None:
         """The line before was the last that waited: by its arrival so many are lost."""

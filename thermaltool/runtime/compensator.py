@@ -130,7 +130,7 @@ class SetpointProcess(Process):
         lost = self._leave_out()
         self._wait(seconds, lost)
         readings = [sensor.truth - sensor.rest for sensor in self.sensors]
-        self._estimate(round(seconds / CLOCK_STEP), readings)
+        self._estimate(round(seconds / CLOCK_STEP), readings, lost)
         # From a wrong start every filter foretells wrong readings: no sensor is to blame.
         if self._vote is not None and self._started and not self._unsure.lasts:
             self._vote.take(seconds, self.stepper.residuals)
@@ -242,13 +242,13 @@ class SetpointProcess(Process):
         self.time = self.clock.last = None
         self._moved_at = math.inf
 
-    def _estimate(self, ticks: int, readings: list[float]) -> None:
+    def _estimate(self, ticks: int, readings: list[float], lost: bool) -> None:
         """Go on, or start from rest as soon as every sensor has given a reading."""
         inputs = self._inputs(readings) if self._inputs else readings
         if self._started:
             estimates = self.stepper.step(ticks, inputs)
             if self._monitor is not None:
-                good = self.status not in NOT_TESTED
+                good = self._state_of(lost) not in NOT_TESTED
                 self._monitor.step(ticks, inputs, good, self.stepper.out)
             self.estimates = self._outputs(estimates) if self._outputs else estimates
             if math.isfinite(sum(self.estimates)):
@@ -280,7 +280,7 @@ class SetpointProcess(Process):
         self._moved_at = time
         for k, (at, setpoint) in enumerate(self._targets):
             target = self._safe(setpoint) if safe else self.policy.sign * self.estimates[at]
-            if self._without is not None and self._reduced:
+            if not safe and self._without is not None and self._reduced:
                 target = self._reduced[k].clip(target)
             setpoint.move(target, dt)
 
@@ -377,9 +377,10 @@ class SetpointProcess(Process):
             `state` is not one of this compensator.
         """
         self.stepper.resume(state["estimator"])
-        for part, name in ((self._vote, "vote"), (self._monitor, "monitor")):
-            if part is not None and state.get(name):
-                part.resume(state[name])
+        if self._vote is not None and state.get("vote"):
+            self._vote.resume(state["vote"])
+        if self._monitor is not None:
+            self._monitor.resume(state.get("monitor"))
         self.estimates = [float(value) for value in state["estimates"]]
         self._started = bool(state["started"])
         self._unsure.unknown = min(max(float(state.get("unknown", 0.0)), 0.0), 1.0)

@@ -83,6 +83,7 @@ class Monitor:
         if bands:
             names.append(ALARM)
         self.names, self.alarm, self._tested = tuple(names), False, False
+        self._begins = False
 
     def start(self, readings: Sequence[float], initial: Initial) -> None:
         """Begin at the first readings: at rest, settled at them, or of a warm machine."""
@@ -95,7 +96,7 @@ class Monitor:
             self._error.start(initial)
         self._latest = [0.0] * len(self._latest)
         self._late_ticks = self._test_ticks = 0
-        self.alarm = self._tested = False
+        self.alarm = self._tested = self._begins = False
 
     def step(
         self, ticks: int, readings: Sequence[float], good: bool, lost: Collection[int] = ()
@@ -109,6 +110,9 @@ class Monitor:
         self._test_ticks += ticks
         self._tested = False
         if not np.isfinite(now).all():
+            return
+        if self._begins:
+            self.start(readings, "free")
             return
         ticks, self._late_ticks = self._late_ticks, 0
         if self._error is not None:
@@ -158,20 +162,24 @@ class Monitor:
     def _parts(self) -> tuple[FixedLag | None, InnovationTest | None, RunningError | None]:
         return self._late, self._test, self._error
 
-    def resume(self, values: list[Any]) -> None:
-        """Go on from a state.
+    def resume(self, values: list[Any] | None) -> None:
+        """Go on from a state; begin anew, as on a warm machine, where it lacks what is told now.
 
         Raises
         ------
         ValueError
-            Not a state of this monitor.
+            Not a state of a monitor.
         """
-        *parts, latest, late_ticks, test_ticks = values
+        *parts, latest, late_ticks, test_ticks = values or [*[None] * len(self._parts), [], 0, 0]
         if len(parts) != len(self._parts):
             raise ValueError("not a state of this monitor")
-        for part, kept in zip(self._parts, parts, strict=True):
-            if (part is None) != (kept is None):
-                raise ValueError("not a state of this monitor")
+        pairs = list(zip(self._parts, parts, strict=True))
+        if any(part is not None and kept is None for part, kept in pairs):
+            self._begins = True
+            self._report("", "the kept state has no late estimates or standard errors: they begin "
+                         "as those of a warm machine")  # fmt: skip
+            return
+        for part, kept in pairs:
             if part is not None:
                 part.resume(kept)
         self._latest = [float(each) for each in latest]

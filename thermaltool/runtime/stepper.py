@@ -192,7 +192,12 @@ class Stepper(Steps):
         return values
 
     def resume(self, values: list[Any]) -> None:
-        """Raises ValueError where `values` are no state of this estimator."""
+        """Raises ValueError where `values` are no state of this estimator.
+
+        Of several filters that watched each other it is the first.
+        """
+        if values and isinstance(values[0], list):
+            values = values[0]
         state = np.array(values, float)
         if state.shape != (self._states + self._sensors,) or not np.all(np.isfinite(state)):
             raise ValueError("not a state of this estimator")

@@ -219,12 +219,14 @@ class Stream:
         if self.messages.line == 1:
             line = line.removeprefix(BYTE_ORDER_MARK)
         start = line.lstrip()
-        if not start or start.startswith(b"#"):
+        if self.rows.skips(line, self.messages.line) or not start or start.startswith(b"#"):
             return
         if self.rows.clock is None and not self._open(line):
             return
         row = self.rows.row(line)
         if (row.time is None or all(row.faults)) and self.rows.is_header(line):
+            if self.rows.clock is not None:
+                self.rows.clock.take_back()
             if message := self.rows.reopen(line, self.process.time):
                 self.messages("", message)
                 if self.rows.clock is not None:

@@ -8,6 +8,8 @@ from collections.abc import Callable, Sequence
 from typing import TYPE_CHECKING
 
 from thermaltool.errors import LogError, counted
+from thermaltool.parsing import numbers_among
+from thermaltool.runtime.clocks import ColumnClock, StampClock
 from thermaltool.runtime.rows.layout import Wanted
 from thermaltool.runtime.rows.row import Row, RowReader
 
@@ -26,14 +28,26 @@ class CsvRows(RowReader):
         self._speak(wanted.mapping.dialect if wanted.mapping else None)
         self._width = 0
         self._names: list[str] = []
-        self._read_names: set[bytes] = set()
+        self._known: set[bytes] = set()
         self._blind = ""
+        self._behind_names = 0
+
+    def skips(self, line: bytes, number: int) -> bool:
+        if self.clock is not None:
+            self._behind_names -= 1
+            return self._behind_names >= 0
+        mapping = self.wanted.mapping
+        if mapping is None or number > mapping.dialect.skip:
+            return False
+        # The names of channels are a header, whatever the map says of another log.
+        return not mapping.named_already(line.decode(self._encoding, "replace").strip().split(","))
 
     def _speak(self, dialect: Dialect | None) -> None:
         # A byte-order mark is before the first line alone.
         given = lookup(dialect.encoding if dialect else "utf-8").name
         self._encoding = given.removesuffix("-sig")
         self._separator = dialect.separator.encode() if dialect else b","
+        self._after_names = dialect.skip_after_names if dialect else 0
         self._parse: Callable[[bytes], float] = plain_number
         if dialect:
             self._parse = csv_number(dialect.decimal, dialect.missing, self._encoding)
@@ -58,12 +72,23 @@ class CsvRows(RowReader):
         if mapping is not None and mapping.named_already(text.strip().split(",")):
             self._speak(None)
         names = [name.strip() for name in self._unquoted(text)]
+        while len(names) > 1 and not names[-1]:
+            names.pop()
         keys = self._lay_out({name: k for k, name in enumerate(names)}, self._parse)
-        for name in (names[key] for key in keys):
+        of_clock = [self.clock.key] if isinstance(self.clock, ColumnClock | StampClock) else []
+        for name in (names[key] for key in (*of_clock, *keys)):
             if names.count(name) > 1:
                 raise LogError("this name is there twice", column=name)
         self._names, self._width, self._blind = names, len(names), ""
-        self._read_names = {names[key].encode(self._encoding) for key in keys}
+        self._behind_names = self._after_names
+        if (mapping := self.wanted.mapping) is not None:
+            channels = [each.name for name in names if (each := mapping.rename(name))]
+            for sensor in self.wanted.sensors:
+                if channels.count(sensor) > 1:
+                    raise LogError(f"two columns are mapped to {sensor}")
+        mapped = {} if mapping is None else mapping.columns
+        known = ("time", "time_s", *names, *mapped, *(r.name for r in mapped.values() if r))
+        self._known = {name.encode(self._encoding, "replace") for name in known if name}
         return False
 
     def row(self, line: bytes) -> Row:
@@ -74,6 +99,8 @@ class CsvRows(RowReader):
                 field.encode(self._encoding, "replace")
                 for field in self._unquoted(line.decode(self._encoding, "replace"))
             ]
+        if len(fields) > self._width and not any(map(bytes.strip, fields[self._width :])):
+            del fields[self._width :]
         if len(fields) != self._width:
             # Any field may be another's; a clock that needs none goes on.
             return self._unusable(
@@ -84,9 +111,12 @@ class CsvRows(RowReader):
         return self._take(fields)
 
     def is_header(self, line: bytes) -> bool:
-        """Whether a line names columns: one of those that are read is among its fields."""
+        """Whether a line names columns: one that this log has, or that a map gives or takes.
+
+        A header may lack what is read.
+        """
         fields = line.split(self._separator)
-        return any(field.strip(b' "') in self._read_names for field in fields)
+        return any(field.strip(b' "') in self._known for field in fields)
 
     def _same_header(self, line: bytes) -> bool:
         names = [name.strip() for name in self._unquoted(line.decode(self._encoding, "replace"))]
@@ -112,10 +142,14 @@ def plain_number(field: bytes) -> float:
 def csv_number(decimal: str, missing: Sequence[str], encoding: str) -> Callable[[bytes], float]:
     """Reads fields with another decimal point, or with words for a missing value."""
     point, words = decimal.encode(), {word.encode(encoding, "replace") for word in missing}
+    numbers = set(numbers_among(missing))
 
     def number(field: bytes) -> float:
-        if field.strip() in words:
+        if field.strip() in words or (point != b"." and b"." in field):  # a point of thousands
             raise ValueError(field)
-        return plain_number(field.replace(point, b"."))
+        value = plain_number(field.replace(point, b"."))
+        if value in numbers:
+            raise ValueError(field)
+        return value
 
     return number

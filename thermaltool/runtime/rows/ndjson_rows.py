@@ -6,6 +6,7 @@ import json
 from typing import Any
 
 from thermaltool.errors import LogError
+from thermaltool.parsing import unique_keys
 from thermaltool.runtime.rows.layout import Wanted
 from thermaltool.runtime.rows.row import Row, RowReader
 
@@ -25,7 +26,7 @@ class NdjsonRows(RowReader):
 
     def _open(self, line: bytes) -> bool:
         try:
-            fields = json.loads(line)
+            fields = json.loads(line, object_pairs_hook=unique_keys)
         except (ValueError, RecursionError) as error:
             raise LogError(f"not a JSON object: {error}") from error
         if not isinstance(fields, dict):

@@ -89,6 +89,17 @@ class RowReader:
             self.clock.resume(before.state(), last)
         return "a header: columns found anew"
 
+    def skips(self, line: bytes, number: int) -> bool:
+        """Whether a line is one that the map says to skip, before the names or behind them.
+
+        Parameters
+        ----------
+        line : bytes
+        number : int
+            Counted from 1. Asked once of each line.
+        """
+        return False
+
     def row(self, line: bytes) -> Row:
         """The row in a line, whatever the line holds."""
         raise NotImplementedError

@@ -78,6 +78,8 @@ class LeaveOneOut(Steps):
         self._agreed = [False] * len(self._others)
         self.residuals = [math.nan] * len(self._others)
         self.left_out: int | None = None
+        # Until so long after a start of their own the others agree in passing alone [s].
+        self._starting = 0.0
         self._grid, self._carried = max(round(sample_period / CLOCK_STEP / GRID_STEPS), 1), 0
 
     def can_do_without(self, lost: Collection[int]) -> bool:
@@ -112,6 +114,7 @@ class LeaveOneOut(Steps):
     def step(self, ticks: int, readings: list[float]) -> list[float]:
         """Estimates after a sample; see `Stepper.step`."""
         readings = _numbers(readings)
+        self._starting = max(self._starting - ticks * CLOCK_STEP, 0.0)
         full = self._full.step(ticks, readings)
         chosen = full
         ticks = self._coarse(ticks)
@@ -134,7 +137,7 @@ class LeaveOneOut(Steps):
                 # It takes what the sensor that is out was held at.
                 self._agreed[k] = k in self.out and self._agreed[k]
             elif self.left_out is None:
-                self._agreed[k] = self._agreed[k] or agrees
+                self._agreed[k] = self._agreed[k] or (agrees and not self._starting)
             if not self._agreed[k] and self.left_out != k:
                 self.residuals[k] = math.nan
         return chosen
@@ -157,17 +160,19 @@ class LeaveOneOut(Steps):
     def state(self) -> list[Any]:
         """For `resume`: each filter, which agree with the full one, and what is left out."""
         filters = [self._full.state(), *(each.state() if each else [] for each in self._others)]
-        return [*filters, [self._agreed, self.left_out]]
+        return [*filters, [self._agreed, self.left_out, self._starting]]
 
     def resume(self, values: list[Any]) -> None:
         """Raises ValueError where `values` are no state of these filters.
 
-        One of an earlier release holds the full filter alone: the others agree with it in time.
+        One of a stream that trusted its sensors holds the full filter alone: the others start at
+        rest, and agree with it in time.
         """
         if values and not isinstance(values[0], list):
             self._full.resume(values)
+            self._starting = self.settling_time
             return
-        full, *others, (agreed, left_out) = values
+        full, *others, (agreed, left_out, *starting) = values
         self._full.resume(full)
         for each, kept in zip(self._others, others, strict=True):
             if each is not None:
@@ -175,6 +180,7 @@ class LeaveOneOut(Steps):
         if len(agreed) != len(self._others) or left_out not in (None, *range(len(agreed))):
             raise ValueError("not a state of these filters")
         self._agreed, self.left_out = [bool(each) for each in agreed], left_out
+        self._starting = float(starting[0]) if starting else 0.0
 
 
 def _numbers(readings: list[float]) -> list[float]:

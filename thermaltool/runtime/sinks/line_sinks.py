@@ -62,6 +62,10 @@ class CsvSink(LineSink):
         header = ",".join(names) + "\n" if self._header else ""
         return header, ",".join(fields) + "\n", ""
 
+    def _stamp(self, time: float | str) -> str:
+        text = super()._stamp(time)
+        return f'"{text}"' if "," in text else text
+
 
 class NdjsonSink(LineSink):
     """A JSON object per reply; a missing time is null."""
