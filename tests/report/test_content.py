@@ -43,7 +43,7 @@ def test_beside_a_model_a_table_is_a_log_or_a_kernel(tmp_path):
     [
         ("time_s,T_a_degC\n", "no rows: nothing to draw"),
         ("time_s,value_1,error_1\n0,1,0\n1,x,0\n", "a.csv:3: value_1: not a number: 'x'"),
-        ("time_s,T_a_degC\n0,1\n,2\n", "a.csv:3: missing time"),
+        ("time_s,T_a_degC\n0,1\n,2\n", "a.csv:3: time_s: missing time"),
         ("time_s,T_a_degC\n0,1\n0,2\n", "the clock repeats"),
         ("time_s,offset_x_um\n1,1\n0,2\n", "the clock goes backward"),
         ("time_s,offset_x_um\n1,1\nx,1\n", "time_s: not a number: 'x'"),

@@ -246,12 +246,12 @@ def _clock(entry: Any) -> Clock:
     pattern = entry.get("format")
     if pattern is not None:
         _typed("time.format", pattern, str)
-        if not is_time_pattern(pattern):
-            raise _MapError(f"time.format: {pattern!r} is none, or says one part twice")
     times = [unit for unit, (dimension, _) in UNITS.items() if dimension == "time"]
     unit = _choice("time.unit", entry.get("unit", "iso" if pattern else "s"), [*times, "iso"])
     if pattern and unit != "iso":
         raise _MapError("time.format goes with time.unit = 'iso'")
+    if pattern and not is_time_pattern(pattern):
+        raise _MapError(f"time.format: {pattern!r} is none, or says one part twice")
     names = entry["column"] if isinstance(entry["column"], list) else [entry["column"]]
     if not 1 <= len(names) <= 2 or (len(names) == 2 and unit != "iso"):
         raise _MapError("time.column is a name, or two (date and time of day) with unit = 'iso'")

@@ -178,6 +178,4 @@ def _sound(log: Log) -> Log:
         faults = [p for p in faults if p.column != "time_s"]
     if faults:
         raise faults[0]
-    if np.isnan(log.time).any():
-        raise LogError("missing time", log.name, int(log.lines[np.isnan(log.time)][0]))
     return log
