@@ -19,6 +19,7 @@ from thermaltool.diagnosis.simulation import Changes
 from thermaltool.effects.effect import Effect, Float, reference_of
 from thermaltool.errors import ModelError
 from thermaltool.signals.row_groups import Index
+from thermaltool.signals.symmetric import pseudo_inverse
 
 Signatures = Mapping[str, Changes]  # of one trial, by amplitude
 
@@ -232,7 +233,7 @@ class CandidateProducts:
         else:
             size = np.sqrt(np.maximum(np.einsum("gii->gi", self.C), 1e-300))
             scaled = self.C / (size[:, :, None] * size[:, None, :])
-            inverse = np.linalg.pinv(scaled, rcond=RELATIVE_RANK, hermitian=True)
+            inverse = pseudo_inverse(scaled, RELATIVE_RANK)
             b = self.b / size
             removed = np.einsum("gi,gij,gj->g", b, inverse, b)
         return int(np.argmin(self.null.negative_log(self.null.square - removed)))
@@ -313,8 +314,7 @@ def _inverse(matrix: Float) -> Float:
         return 1.0 / matrix if matrix[0, 0] > 0 else np.zeros((1, 1))
     size = np.sqrt(np.maximum(np.diag(matrix), 0))
     size[size == 0] = np.inf
-    scaled = matrix / np.outer(size, size)
-    inverse = np.linalg.pinv(scaled, rcond=RELATIVE_RANK, hermitian=True)
+    inverse = pseudo_inverse(matrix / np.outer(size, size), RELATIVE_RANK)
     return np.asarray(inverse / np.outer(size, size))
 
 

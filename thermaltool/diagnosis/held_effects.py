@@ -11,6 +11,7 @@ import numpy as np
 from thermaltool.diagnosis.simulation import Series, SimulatedLogs
 from thermaltool.effects.effect import Effect
 from thermaltool.model import Model
+from thermaltool.signals.symmetric import eigh
 
 # Variance of a scaled direction below which it does not move.
 MIN_VARIANCE = 1e-9
@@ -72,7 +73,7 @@ def _roots(calibrated: Model, effect: Effect) -> list[dict[str, float]]:
         if each == effect and each.covariance is not None:
             errors = np.sqrt(np.diag(each.covariance))
             scale = np.where(errors > 0, errors, 1.0)
-            values, vectors = np.linalg.eigh(each.covariance / np.outer(scale, scale))
+            values, vectors = eigh(each.covariance / np.outer(scale, scale))
             kept = values > MIN_VARIANCE
             columns = (errors[:, None] * vectors[:, kept] * np.sqrt(values[kept])).T.tolist()
             return [

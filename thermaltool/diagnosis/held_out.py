@@ -21,6 +21,7 @@ from thermaltool.diagnosis.simulation import Series
 from thermaltool.effects.effect import Effect, Float
 from thermaltool.signals.likelihood import ColouredNoise
 from thermaltool.signals.row_groups import Index, RowGroups
+from thermaltool.signals.symmetric import pseudo_inverse
 
 # Parts of a log of which each is held out once.
 FOLDS = 6
@@ -161,7 +162,7 @@ def _solved(matrix: Float, right: Float) -> Float:
     """Least squares solution of normal equations, their columns scaled."""
     size = np.sqrt(np.maximum(np.diag(matrix), 0.0))
     size[size == 0] = 1.0
-    inner = np.linalg.pinv(matrix / np.outer(size, size), rcond=RELATIVE_RANK, hermitian=True)
+    inner = pseudo_inverse(matrix / np.outer(size, size), RELATIVE_RANK)
     return np.asarray(((inner @ (right.T / size).T).T / size).T)
 
 

@@ -25,6 +25,7 @@ from thermaltool.diagnosis.starts import begins_away, level_responses
 from thermaltool.diagnosis.whitening import SINGULAR
 from thermaltool.effects.effect import Effect, Float
 from thermaltool.signals.likelihood import Factor
+from thermaltool.signals.symmetric import eigh
 from thermaltool.units import is_displacement
 
 # A signature of which the model's own parameters leave less than this share of the power is theirs.
@@ -250,7 +251,7 @@ def eliminated(matrix: Float, keep: int) -> Float:
     if not used.any():
         return head
     scaled = tail[np.ix_(used, used)] / np.outer(size[used], size[used])
-    values, vectors = np.linalg.eigh(scaled)
+    values, vectors = eigh(scaled)
     kept = values > SINGULAR * len(values)
     through = (cross[:, used] / size[used]) @ vectors[:, kept] / np.sqrt(values[kept])
     return np.asarray(head - through @ through.T)

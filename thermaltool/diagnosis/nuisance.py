@@ -30,6 +30,7 @@ from thermaltool.model import Model
 from thermaltool.responses import Response
 from thermaltool.signals.detrend import difference_sigma
 from thermaltool.signals.row_groups import RowGroups
+from thermaltool.signals.symmetric import eigh
 
 # A wide prior: what a parameter may be where nothing was calibrated before. Of a logarithm, and
 # of a gain relative to what makes as much as the strongest of its response.
@@ -285,7 +286,7 @@ class OutputNuisance:
             root = root_of(root @ root.T + differ.T @ differ / len(differ))
         changes = columns @ root
         changes = changes - changes.mean(axis=0)
-        values, vectors = np.linalg.eigh(changes.T @ changes)
+        values, vectors = eigh(changes.T @ changes)
         # The most visible direction first.
         turn = vectors[:, values > (MIN_CHANGE * self.white) ** 2][:, ::-1]
         inverse = turn.T @ np.linalg.inv(root)

@@ -7,6 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from thermaltool.effects.effect import Float
+from thermaltool.signals.symmetric import eigh
 
 # Smallest eigenvalue of a scaled covariance, and variance that stands for none.
 MIN_EIGENVALUE, TINY = 1e-12, 1e-300
@@ -51,5 +52,5 @@ def root_of(covariance: Float, size: Float | None = None) -> Float:
     # Scales of their own: what differs in size by much cancels to its last digits.
     own = np.sqrt(np.maximum(np.diag(covariance), TINY))
     scaled = covariance / np.outer(own, own)
-    values, vectors = np.linalg.eigh((scaled + scaled.T) / 2)
+    values, vectors = eigh((scaled + scaled.T) / 2)
     return np.asarray(own[:, None] * vectors * np.sqrt(np.maximum(values, MIN_EIGENVALUE)))

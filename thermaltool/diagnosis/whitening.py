@@ -7,6 +7,7 @@ from scipy.linalg.lapack import dpocon, dpotrf, dtrtri
 
 from thermaltool.effects.effect import Float
 from thermaltool.signals.likelihood import Factor
+from thermaltool.signals.symmetric import eigh
 
 # Eigenvalues of the scaled nuisance: what is below is left out, and where the digits of the
 # products no longer carry the whole projection.
@@ -41,7 +42,7 @@ def whitening(gram: Float, prior: Float, columns: Float, factor: Factor) -> tupl
     if len(size) and not failed and dpocon(lower, 1.0, uplo="L")[0] > COLLINEAR:
         spread = 2 * float(np.log(np.diag(lower) * size).sum())
         return dtrtri(lower, lower=True)[0].T / size[:, None], spread
-    values, vectors = np.linalg.eigh(scaled)
+    values, vectors = eigh(scaled)
     spread = float(np.sum(np.log(np.maximum(values, SINGULAR)))) + 2 * float(np.log(size).sum())
     kept = values > SINGULAR
     half = vectors[:, kept] / size[:, None] / np.sqrt(values[kept])
@@ -49,7 +50,7 @@ def whitening(gram: Float, prior: Float, columns: Float, factor: Factor) -> tupl
         # Once more from the columns themselves (Cholesky QR twice: Yamamoto et al. 2015).
         chosen = columns @ half
         again = chosen.T @ factor.solve(chosen) + half.T @ (prior[:, None] * half)
-        values, vectors = np.linalg.eigh((again + again.T) / 2)
+        values, vectors = eigh((again + again.T) / 2)
         half = half @ (vectors / np.sqrt(values))
         spread += float(np.log(values).sum())
     return half, spread

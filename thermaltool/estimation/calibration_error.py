@@ -25,6 +25,7 @@ from thermaltool.estimation.start import Initial
 from thermaltool.model import Model, Output, Term
 from thermaltool.responses.modes import Float, Hold, Modes
 from thermaltool.signals.covariance_root import covariance_root
+from thermaltool.signals.symmetric import eigh
 
 # Of a standard deviation of the parameters so much is tried, and the difference scaled up: along
 # a direction that no log tells, a whole one leaves the parameters' range.
@@ -179,7 +180,7 @@ def _directions(model: Model, term: Term, lags: list[float]) -> Iterator[tuple[M
     if term.covariance is None:
         return
     own = lagged_modes(term.response.modes(model.sample_period), *lags)
-    sizes, vectors = np.linalg.eigh(np.asarray(term.covariance))
+    sizes, vectors = eigh(np.asarray(term.covariance))
     t = np.geomspace(model.sample_period, 10 * term.response.slowest(), 200)
     steady = max(float(np.max(np.abs(own.step(t)))), 1e-300)
     for size, vector in zip(sizes, vectors.T, strict=True):

@@ -24,6 +24,7 @@ from thermaltool.estimation.innovation_test import checking_filter
 from thermaltool.estimation.likelihood import log_likelihood
 from thermaltool.estimation.start import Initial
 from thermaltool.responses.modes import Float
+from thermaltool.signals.symmetric import eigh
 
 # Factors on the prior that are tried; relative errors stay below MAX_ERROR [1].
 SCALES = np.geomspace(0.5, 1e3, 34)
@@ -77,7 +78,7 @@ class ModelDeparture:
         """
         own = estimated(kalman)
         found = np.zeros(own.shape)
-        sizes, axes = np.linalg.eigh(self.second_moment)
+        sizes, axes = eigh(self.second_moment)
         for size, axis in zip(sizes, axes.T, strict=True):
             if size > MIN_SIZE**2:
                 share = min(TRIAL_SHARE, MAX_TRIAL / math.sqrt(size))
@@ -145,7 +146,7 @@ def _curvature(likelihood: Callable[[Float], float], count: int) -> tuple[Float,
         both = likelihood(axes[j] + axes[k]) - ahead[j] - ahead[k] + middle
         information[j, k] = information[k, j] = -both
     # What the likelihood is curved the other way in is no information.
-    sizes, vectors = np.linalg.eigh(information)
+    sizes, vectors = eigh(information)
     return 0.5 * (ahead - behind), (vectors * np.maximum(sizes, 0.0)) @ vectors.T
 
 

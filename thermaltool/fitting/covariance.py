@@ -5,6 +5,8 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
+from thermaltool.signals.symmetric import eigh, pseudo_inverse
+
 Array = NDArray[np.float64]
 
 # Blocks of rows whose scores count as independent: for each parameter, and at the least.
@@ -60,14 +62,14 @@ def block_covariance(
     information = curved.T @ curved
     total = float(np.trace(information))
     if prior is None or not total:
-        bread = np.linalg.pinv(information, rcond=MIN_DIRECTION, hermitian=True)
+        bread = pseudo_inverse(information, MIN_DIRECTION)
         return np.asarray(bread @ meat @ bread / np.outer(size, size))
     # Of so much noise in a row, colour and all, are the scores.
     noise = float(np.trace(meat)) / total
     before = np.diag(noise / (prior * size) ** 2)
     if known is not None:
         before = before + noise * (known / size).T @ (known / size)
-    values, vectors = np.linalg.eigh(information + before)
+    values, vectors = eigh(information + before)
     lost = values < MIN_DIRECTION * values[-1]
     bread = (vectors[:, ~lost] / values[~lost]) @ vectors[:, ~lost].T
     scaled_covariance = bread @ (meat + noise * before) @ bread

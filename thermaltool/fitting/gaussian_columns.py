@@ -9,6 +9,8 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.linalg import solve_triangular
 
+from thermaltool.signals.symmetric import eigh, pseudo_inverse
+
 Float = NDArray[np.float64]
 
 # Directions of the information below this share of the largest, once scaled, are rounding.
@@ -85,7 +87,7 @@ def inverse_of(gram: Float, prior: Float) -> Float:
     ndarray, shape (c, c)
     """
     scaled, height = _scaled(gram, prior)
-    known = np.linalg.pinv(scaled, rcond=MIN_DIRECTION, hermitian=True)
+    known = pseudo_inverse(scaled, MIN_DIRECTION)
     return np.asarray(known / np.outer(height, height), float)
 
 
@@ -103,7 +105,7 @@ def marginal(gram: Float, logdet: float, n: int, prior: Float) -> tuple[float, f
     """
     scaled, height = _scaled(gram, prior)
     pull = gram[1:, 0] / height
-    values, vectors = np.linalg.eigh(scaled)
+    values, vectors = eigh(scaled)
     seen = values > MIN_DIRECTION * values[-1]
     explained = float(np.sum((pull @ vectors[:, seen]) ** 2 / values[seen]))
     square = max(float(gram[0, 0]) - explained, 1e-300)

@@ -16,6 +16,7 @@ import numpy as np
 
 from thermaltool.errors import ModelError
 from thermaltool.responses.modes import Float
+from thermaltool.signals.symmetric import pseudo_inverse
 
 # Directions of the scaled readings weaker than this part of the strongest say nothing.
 MIN_VARIANCE = 1e-6
@@ -68,7 +69,7 @@ class Redundancy:
         unit = self.moments / np.outer(self._scale, self._scale)
         kept = [k for k in range(len(self.channels)) if k not in lost]
         out = list(lost)
-        inverse = np.linalg.pinv(unit[np.ix_(kept, kept)], rcond=MIN_VARIANCE, hermitian=True)
+        inverse = pseudo_inverse(unit[np.ix_(kept, kept)], MIN_VARIANCE)
         own = unit[np.ix_(out, kept)] @ inverse
         left = np.diag(unit)[out] - np.sum(own * unit[np.ix_(out, kept)], axis=1)
         weights = np.zeros((len(out), len(self.channels)))

@@ -5,6 +5,8 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from thermaltool.signals.symmetric import eigh
+
 Float = NDArray[np.float64]
 
 
@@ -25,5 +27,5 @@ def covariance_root(covariance: ArrayLike) -> Float:
     size = np.sqrt(np.abs(np.diag(matrix)))
     size[size == 0] = 1.0
     scaled = matrix / np.outer(size, size)
-    values, vectors = np.linalg.eigh((scaled + scaled.T) / 2)
+    values, vectors = eigh((scaled + scaled.T) / 2)
     return np.asarray(size[:, None] * vectors * np.sqrt(np.maximum(values, 0.0)))

@@ -15,6 +15,8 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.linalg.lapack import dgelsd, dgelsd_lwork
 
+from thermaltool.signals.symmetric import eigh
+
 Array = NDArray[np.float64]
 P = TypeVar("P")
 
@@ -65,7 +67,7 @@ def inverse_of(information: Array) -> Array:
         Symmetric.
     """
     size = _sizes(information)
-    values, vectors = np.linalg.eigh(information / np.outer(size, size))
+    values, vectors = eigh(information / np.outer(size, size))
     least = MIN_DIRECTION * max(float(values[-1]), 1e-300)
     return np.asarray((vectors / np.maximum(values, least)) @ vectors.T / np.outer(size, size))
 

@@ -23,6 +23,7 @@ from thermaltool.fitting.components.reduction import Reduction
 from thermaltool.fitting.data import Array, Split, TrainingData
 from thermaltool.fitting.network.problem import mode_responses
 from thermaltool.signals.start_level import start_level
+from thermaltool.signals.symmetric import eigh
 from thermaltool.units import is_displacement, parse_channel
 
 # Averages that stand for the records at least and at most, and rows of each between.
@@ -270,7 +271,7 @@ class ComponentProblem:
             *(inputs * slot + np.arange(choice.components) for slot in choice.slots),
             *(first + pieces * lag + np.arange(pieces) for lag in choice.lags),
         ]).astype(np.intp)  # fmt: skip
-        values, vectors = np.linalg.eigh(whitened.gram[np.ix_(place, place)])
+        values, vectors = eigh(whitened.gram[np.ix_(place, place)])
         pull = vectors.T @ whitened.cross[place]
         return _Solved(choice, np.maximum(values, 0.0), vectors, pull)
 

@@ -17,6 +17,7 @@ from numpy.typing import NDArray
 
 from thermaltool.fitting.data import Array, TrainingData
 from thermaltool.fitting.even_clock import MAX_FILLED_ROWS
+from thermaltool.signals.symmetric import eigh
 
 Complex = NDArray[np.complex128]
 
@@ -150,7 +151,7 @@ def _weighted(
     gamma, values, _ = np.linalg.svd(predicted, full_matrices=False)
     yield Realization(span, p, gamma * np.sqrt(values))
     spread = predicted @ predicted.T + left @ left.T
-    power, vectors = np.linalg.eigh(spread)
+    power, vectors = eigh(spread)
     root = np.sqrt(np.maximum(power, 1e-12 * power[-1]))
     gamma, values, _ = np.linalg.svd((vectors / root).T @ predicted, full_matrices=False)
     yield Realization(span, p, (vectors * root) @ gamma * np.sqrt(values))
