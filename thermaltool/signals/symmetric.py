@@ -3,8 +3,9 @@
 from __future__ import annotations
 
 import numpy as np
+from numpy.typing import NDArray
 
-from thermaltool.responses.modes import Float
+Float = NDArray[np.float64]
 
 
 def eigh(matrix: Float) -> tuple[Float, Float]:
