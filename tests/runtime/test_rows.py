@@ -184,6 +184,10 @@ def test_lines_that_a_map_skips(tmp_path):
         if not rows.skips(line, number) and (rows.clock is not None or rows.open(line)):
             taken.append(rows.row(line).readings)
     assert taken == [[1.0], [2.0]]
+    # The logger begins anew.
+    assert rows.is_header(b"time_s,x")
+    assert rows.reopen(b"time_s,x", 1.0) == ""
+    assert [rows.skips(line, 9) for line in (b"s,K", b"2,3")] == [True, False]
     # Lines with the channels' own names have no such head.
     own = CsvRows(Wanted(PAIR, mapping=read_map(str(path))))
     assert not own.skips(b"time_s,dT_pair1_K", 1)

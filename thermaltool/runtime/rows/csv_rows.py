@@ -91,6 +91,11 @@ class CsvRows(RowReader):
         self._known = {name.encode(self._encoding, "replace") for name in known if name}
         return False
 
+    def reopen(self, line: bytes, last: float | None) -> str:
+        message = super().reopen(line, last)
+        self._behind_names = self._after_names
+        return message
+
     def row(self, line: bytes) -> Row:
         """The row in a line; one with too many or too few fields counts for nothing."""
         fields = line.split(self._separator)
