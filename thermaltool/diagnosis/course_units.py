@@ -43,10 +43,8 @@ def course_suspects(model: Model, record: Record) -> tuple[UnitSuspect, ...]:
     for step in (UNIT_STEP, 1 / UNIT_STEP):
         stepped = [o for o, gain in gains.items() if 1 / SAME_SIZE < gain / step < SAME_SIZE]
         if stepped:
-            suspect = (
-                _drive(model, record, step, len(gains)) if len(stepped) == len(gains) else None
-            )
-            if suspect is not None:
+            all_alike = len(stepped) == len(gains)
+            if all_alike and (suspect := _drive(model, record, step, len(gains))):
                 return (suspect,)
             found = (thousandth(o, gains[o] * reach[o], reach[o]) for o in stepped)
             return tuple(replace(each, by_model=True) for each in found if each is not None)

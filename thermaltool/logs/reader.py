@@ -165,12 +165,12 @@ def read_log(
     log = merged(log, duplicates or mapping.duplicates, plan.clock.within)
     log = _without_gaps(log, need, nan_policy, outputs)
     missing = _missing_times(log, plan.clock.column, [*problems, *disorder])
-    wrong = [*disorder, *missing, *_disorder(log, plan.clock.column)]
-    if strict and wrong:
+    of_clock = disorder, missing, _disorder(log, plan.clock.column)
+    if strict and (wrong := [fault for each in of_clock for fault in each]):
         raise wrong[0]
     if cells.unfinished:
         problems.append(cells.unfinished)
-    for each in (disorder, missing, _disorder(log, plan.clock.column)):
+    for each in of_clock:
         problems += first_faults(each)
     log = replace(log, segments=segments(log.time, max_gap), problems=tuple(problems))
     return _left_out(log, faults, keep_spikes, need, outputs, nan_policy)
